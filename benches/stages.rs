@@ -125,7 +125,7 @@ impl StageBench {
 
     /// Runs a frame, which fills every stage's inputs and compiles the shaders.
     fn warm_up(&mut self, stages: &[&Stage]) -> Result<(), GpuError> {
-        self.timer.untimed(&self.gpu, stages)?;
+        self.timer.run_stages(&self.gpu, stages)?;
         Ok(())
     }
 
@@ -137,7 +137,7 @@ impl StageBench {
         if let Some(elements) = declared(&stage.work) {
             group.throughput(Throughput::Elements(elements));
         }
-        let before = gpu::refilling(stages, stage);
+        let before = gpu::stages_before(stages, stage);
         let mut failure = None;
         let (gpu, timer) = (&self.gpu, &mut self.timer);
         group.bench_function(stage.name(), |bencher| {
@@ -164,7 +164,7 @@ impl StageBench {
 
 /// Criterion over the gate cells that are left.
 fn gate_cells(catalog: &Catalog, bench: &mut StageBench, gates: Gates) -> anyhow::Result<()> {
-    let mut subjects = Subjects::of(catalog).within(&bench.gpu.capacity);
+    let mut subjects = Subjects::new(catalog).with_capacity(&bench.gpu.capacity);
     for cell in gates.configurations {
         if cell.stages.is_empty() {
             continue;
@@ -196,9 +196,9 @@ fn stage_ns(
 ) -> Result<f64, GpuError> {
     for _ in 0..ATTEMPTS {
         if !before.is_empty() {
-            timer.untimed(gpu, before)?;
+            timer.run_stages(gpu, before)?;
         }
-        let sample = timer.timed(gpu, &[stage])?;
+        let sample = timer.time_stages(gpu, &[stage])?;
         if sample.faults.is_empty() {
             return Ok(sample.stages[0].at_least_resolution_ns());
         }

@@ -8,47 +8,46 @@ use std::path::{Path, PathBuf};
 use anyhow::{anyhow, bail};
 use itertools::Itertools;
 
-use crate::folder::Folder;
+use crate::folder::Dir;
 use crate::judge::files::RunFile;
-use crate::judge::store::{StoredComparison, holds_comparison};
+use crate::judge::store::{Comparison, holds_comparison};
 use crate::judge::verdict::Verdicts;
 use crate::private;
 use crate::record::comparison::Gate;
 use crate::record::output::RECORDS;
-use crate::record::{self, Reading};
-use crate::report::changes::Changes;
+use crate::record::{self, RecordFile};
+use crate::report::changes::RunChanges;
 use crate::report::comparison::on_page;
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
-    Artifact, Exported, Exporter, LeftOut, OF_RUNS, OfRun, ReportView, RunExporter, Written,
+    Artifact, Exported, Exporter, OF_RUNS, Report, RunExporter, RunFormat, SkippedInput, Timing,
 };
 use crate::text;
 
 pub use crate::report::comparison::OF_COMPARISONS;
 
-/// The files of a comparison's report.
-pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
-    let written = OF_COMPARISONS.iter().filter(|e| e.written == Written::WithEveryReport);
+pub fn comparison_files(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
+    let written = OF_COMPARISONS.iter().filter(|e| e.written == Timing::WithEveryReport);
     written.flat_map(|exporter| exporter.one((exporter.export)(verdicts)).files()).collect()
 }
 
 /// Whether there is a format of this name: told before a folder is read.
 pub fn check_format(name: &str) -> anyhow::Result<()> {
-    if known().any(|known| known == name) {
+    if exporter_names().any(|known| known == name) {
         return Ok(());
     }
     Err(unknown(name))
 }
 
 /// One format, of the records that were read in a folder.
-pub fn export(name: &str, folder: &Path, reading: Reading) -> anyhow::Result<Exported> {
+pub fn export(name: &str, folder: &Path, reading: RecordFile) -> anyhow::Result<Exported> {
     if holds_comparison(&reading.records) {
         let exporter = find(name, folder, "a comparison", &OF_COMPARISONS)?;
-        let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
-        return Ok(exporter.one((exporter.export)(&Verdicts::of(&comparison))));
+        let comparison = Comparison::from_reading(reading, &folder.join(RECORDS))?;
+        return Ok(exporter.one((exporter.export)(&Verdicts::judge(&comparison))));
     }
     let exporter = find(name, folder, "a run", &OF_RUNS)?;
-    let view = ReportView::new(&reading.records, Some(folder));
+    let view = Report::new(&reading.records, Some(folder));
     Ok(exporter.run(&view))
 }
 
@@ -60,7 +59,7 @@ fn find<'a, F>(
     exporters: &'a [Exporter<F>],
 ) -> anyhow::Result<&'a Exporter<F>> {
     let found = exporters.iter().find(|exporter| exporter.name == name);
-    found.ok_or_else(|| match known().find(|known| *known == name) {
+    found.ok_or_else(|| match exporter_names().find(|known| *known == name) {
         Some(name) => {
             let formats = exporters.iter().map(|exporter| exporter.name).join(", ");
             let folder = folder.display();
@@ -71,12 +70,11 @@ fn find<'a, F>(
 }
 
 fn unknown(name: &str) -> anyhow::Error {
-    let meant = text::did_you_mean(name, known());
+    let meant = text::did_you_mean(name, exporter_names());
     anyhow!("unknown format `{}`{meant}", text::line(name))
 }
 
-/// Names of all exporters.
-fn known() -> impl Iterator<Item = &'static str> {
+fn exporter_names() -> impl Iterator<Item = &'static str> {
     let of_runs = OF_RUNS.iter().map(|exporter| exporter.name);
     of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name)).unique()
 }
@@ -93,52 +91,53 @@ pub fn listing() -> Vec<[String; 5]> {
 }
 
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
-pub fn write(folder: &Path, reading: Reading) -> anyhow::Result<Vec<PathBuf>> {
+pub fn write(folder: &Path, reading: RecordFile) -> anyhow::Result<Vec<PathBuf>> {
     if holds_comparison(&reading.records) {
-        let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
-        return put(folder, of_comparison(&Verdicts::of(&comparison)));
+        let comparison = Comparison::from_reading(reading, &folder.join(RECORDS))?;
+        return write_artifacts(folder, comparison_files(&Verdicts::judge(&comparison)));
     }
-    let left_out = LeftOut::lines(&folder.join(RECORDS), &reading.damaged).into_iter().collect();
-    write_view(folder, &ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) })
+    let left_out =
+        SkippedInput::lines(&folder.join(RECORDS), &reading.damaged).into_iter().collect();
+    write_view(folder, &Report { left_out, ..Report::new(&reading.records, Some(folder)) })
 }
 
 /// Writes the files of a run beside its records, and gives their paths.
-pub fn write_view(folder: &Path, view: &ReportView<'_>) -> anyhow::Result<Vec<PathBuf>> {
-    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
-    let put = |exporter: &RunExporter| match exporter.export {
-        OfRun::Rows(rows) => {
+pub fn write_view(folder: &Path, view: &Report<'_>) -> anyhow::Result<Vec<PathBuf>> {
+    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Timing::WithEveryReport);
+    let export = |exporter: &RunExporter| match exporter.export {
+        RunFormat::Rows(rows) => {
             let path = folder.join(exporter.file);
             let write = |file: &mut File| {
                 let mut file = BufWriter::new(file);
                 rows(view, &mut file)?;
                 file.flush()
             };
-            let opened = Folder::make(folder).map_err(unwritable(&path))?;
+            let opened = Dir::make(folder).map_err(unwritable(&path))?;
             opened.write_with(exporter.file, write).map_err(unwritable(&path))?;
             Ok(vec![path])
         }
-        _ => put(folder, exporter.run(view).files()),
+        _ => write_artifacts(folder, exporter.run(view).files()),
     };
-    written.map(put).flatten_ok().collect()
+    written.map(export).flatten_ok().collect()
 }
 
 /// Several folders of runs and comparisons. What cannot be read is left out and listed.
 #[derive(Default)]
-pub struct Folders {
+pub struct ReportFolders {
     runs: Vec<RunFile>,
     comparisons: Vec<ComparisonOnPage>,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<SkippedInput>,
 }
 
-impl Folders {
+impl ReportFolders {
     /// Where nothing can be read the first folder's error is returned.
     pub fn read(folders: &[PathBuf]) -> anyhow::Result<Self> {
         let mut all = Self::default();
         let mut errors = Vec::new();
         for folder in folders {
             if let Err(error) = all.add(folder) {
-                let reason = private::words(&format!("{error:#}"));
-                all.left_out.push(LeftOut::new(private::path(folder), reason));
+                let reason = private::redact(&format!("{error:#}"));
+                all.left_out.push(SkippedInput::new(private::path(folder), reason));
                 errors.push(error);
             }
         }
@@ -151,10 +150,10 @@ impl Folders {
     fn add(&mut self, folder: &Path) -> anyhow::Result<()> {
         let path = folder.join(RECORDS);
         let reading = record::read_good(&path)?;
-        self.left_out.extend(LeftOut::lines(&path, &reading.damaged));
+        self.left_out.extend(SkippedInput::lines(&path, &reading.damaged));
         if holds_comparison(&reading.records) {
-            let comparison = StoredComparison::of(reading, &path)?;
-            self.comparisons.push(on_page(&Verdicts::of(&comparison)));
+            let comparison = Comparison::from_reading(reading, &path)?;
+            self.comparisons.push(on_page(&Verdicts::judge(&comparison)));
         } else {
             self.runs.push(RunFile { path, reading });
         }
@@ -162,9 +161,9 @@ impl Folders {
     }
 
     /// What changed from the first of two runs to the second; an error of fewer or more, and where they have no cell in common.
-    pub fn changes(&self) -> anyhow::Result<Changes> {
+    pub fn changes(&self) -> anyhow::Result<RunChanges> {
         let [base, head] = self.runs.as_slice() else { bail!("these are not two runs") };
-        Changes::of_files([base, head], &Gate::ALL)
+        RunChanges::from_files([base, head], &Gate::ALL)
     }
 
     /// One page of all.
@@ -173,9 +172,8 @@ impl Folders {
         let folders = self.runs.iter().map(|file| file.path.parent().unwrap_or(Path::new("")));
         let records = self.runs.iter().map(|file| &file.reading.records);
         let views = folders.zip(records);
-        let views: Vec<(&Path, ReportView<'_>)> = views
-            .map(|(folder, records)| (folder, ReportView::new(records, Some(folder))))
-            .collect();
+        let views: Vec<(&Path, Report<'_>)> =
+            views.map(|(folder, records)| (folder, Report::new(records, Some(folder)))).collect();
         let Self { comparisons, left_out, .. } = self;
         Page { changes, comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
     }
@@ -186,8 +184,8 @@ fn unwritable(path: &Path) -> impl Fn(io::Error) -> anyhow::Error {
 }
 
 /// Writes files into a folder, which is made if need be, and gives their paths.
-pub fn put(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<Vec<PathBuf>> {
-    let opened = Folder::make(folder).map_err(unwritable(folder))?;
+pub fn write_artifacts(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<Vec<PathBuf>> {
+    let opened = Dir::make(folder).map_err(unwritable(folder))?;
     let write = |file: Artifact| {
         let path = folder.join(&file.name);
         opened.write(&file.name, &file.bytes).map_err(unwritable(&path))?;

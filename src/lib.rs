@@ -37,8 +37,8 @@ pub mod cli;
 pub mod exporters;
 
 pub use fathom_base::{
-    choices, embedded, folder, input, npy, parameter, private, process, quiet, settings,
-    statistics, tell, text,
+    choices, embedded, folder, input, npy, parameter, print, private, process, quiet, settings,
+    statistics, text,
 };
 pub use fathom_clock as clock;
 pub use fathom_compare as compare;

@@ -10,5 +10,5 @@ const REVISION: &str = git_version::git_version!(
 );
 
 fn main() -> ExitCode {
-    fathom::cli::main(&fathom::Catalog::builtin().built_of(REVISION))
+    fathom::cli::main(&fathom::Catalog::builtin().with_revision(REVISION))
 }

@@ -26,7 +26,7 @@ fn vertex(@builtin(vertex_index) end: u32, @builtin(instance_index) photon: u32)
     let seg = segment(walk, transfers[photon]);
     let x_px = select(0.0, seg.steps, end == 1u) + INSET_PX;
     let y_px = f32(photon % walk.rows) + 0.5;
-    let ndc = vec2(x_px / f32(walk.most), y_px / f32(walk.rows)) * vec2(2.0, -2.0) + vec2(-1.0, 1.0);
+    let ndc = vec2(x_px / f32(walk.max_steps), y_px / f32(walk.rows)) * vec2(2.0, -2.0) + vec2(-1.0, 1.0);
     // A ray out of view has no line.
     let clip = select(vec4(2.0, 2.0, 2.0, 1.0), vec4(ndc, 0.0, 1.0), seg.steps > 0.0);
     return Varying(clip, seg.near, seg.far, vec3(seg.from_m, seg.to_m, seg.steps), photon);

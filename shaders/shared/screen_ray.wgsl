@@ -28,8 +28,8 @@ struct Walk {
     layers: u32,
     photons: u32,
     // Fewest and most steps of a ray.
-    least: u32,
-    most: u32,
+    min_steps: u32,
+    max_steps: u32,
     // Photons of a tile: rows of the target that lines are drawn into.
     rows: u32,
     // Most intersections of a ray that are kept.
@@ -115,7 +115,7 @@ fn segment(walk: Walk, ray: Transfer) -> Segment {
     let near = mix(a, b, part.x);
     let far = mix(a, b, part.y);
     let along = abs(place_px(walk, far) - place_px(walk, near));
-    let steps = clamp(ceil(max(along.x, along.y)), f32(walk.least), f32(walk.most));
+    let steps = clamp(ceil(max(along.x, along.y)), f32(walk.min_steps), f32(walk.max_steps));
     return Segment(near, far, mix(walk.start_m, end_m, part.x), mix(walk.start_m, end_m, part.y), steps);
 }
 

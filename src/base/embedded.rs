@@ -8,61 +8,60 @@ use std::path::{Path, PathBuf};
 use rust_embed::{Embed, EmbeddedFile};
 
 /// The stages' shaders and the modules that they share.
-pub const SHADERS: Folder = Folder::of::<Shaders>("shaders");
+pub const SHADERS: Folder = Folder::from_embed::<ShaderFiles>("shaders");
 
-pub const SCENES: Folder = Folder::of::<Scenes>("scenes");
+pub const SCENES: Folder = Folder::from_embed::<SceneFiles>("scenes");
 
-pub const EXPERIMENTS: Folder = Folder::of::<Experiments>("benches/experiments");
+pub const EXPERIMENTS: Folder = Folder::from_embed::<ExperimentFiles>("benches/experiments");
 
 #[derive(Embed)]
 #[folder = "../../shaders"]
-struct Shaders;
+struct ShaderFiles;
 
 #[derive(Embed)]
 #[folder = "../../scenes"]
-struct Scenes;
+struct SceneFiles;
 
-pub const FIGURES: Folder = Folder::of::<Figures>("benches/figures");
+pub const FIGURES: Folder = Folder::from_embed::<FigureFiles>("benches/figures");
 
 #[derive(Embed)]
 #[folder = "../../benches/experiments"]
-struct Experiments;
+struct ExperimentFiles;
 
 #[derive(Embed)]
 #[folder = "../../benches/figures"]
-struct Figures;
+struct FigureFiles;
 
 #[derive(Clone, Debug)]
 pub struct Folder {
     /// Where it lies, for messages.
     pub name: Cow<'static, str>,
-    source: Source,
+    source: FolderSource,
 }
 
 #[derive(Clone, Debug)]
-enum Source {
+enum FolderSource {
     Embedded { file: fn(&str) -> Option<EmbeddedFile>, paths: fn() -> Vec<Cow<'static, str>> },
     Disk(PathBuf),
 }
 
 impl Folder {
     /// The folder of a type that derives [`Embed`]; `name` is for messages.
-    pub const fn of<E: Embed>(name: &'static str) -> Self {
-        let source = Source::Embedded { file: E::get, paths: || E::iter().collect() };
+    pub const fn from_embed<E: Embed>(name: &'static str) -> Self {
+        let source = FolderSource::Embedded { file: E::get, paths: || E::iter().collect() };
         Self { name: Cow::Borrowed(name), source }
     }
 
-    /// A folder that is read when the program runs.
-    pub fn at(path: impl Into<PathBuf>) -> Self {
+    pub fn from_path(path: impl Into<PathBuf>) -> Self {
         let path = path.into();
-        Self { name: path.display().to_string().into(), source: Source::Disk(path) }
+        Self { name: path.display().to_string().into(), source: FolderSource::Disk(path) }
     }
 
     /// Paths of all files, from the folder, with `/` between names.
     pub fn paths(&self) -> Vec<Cow<'static, str>> {
         match &self.source {
-            Source::Embedded { paths, .. } => paths(),
-            Source::Disk(root) => {
+            FolderSource::Embedded { paths, .. } => paths(),
+            FolderSource::Disk(root) => {
                 let mut paths = Vec::new();
                 list(root, "", &mut paths);
                 paths
@@ -75,8 +74,8 @@ impl Folder {
         let listed = self.paths().iter().any(|known| known == path);
         match &self.source {
             _ if !listed => None,
-            Source::Embedded { file, .. } => file(path).map(|file| file.data),
-            Source::Disk(root) => std::fs::read(root.join(path)).ok().map(Cow::Owned),
+            FolderSource::Embedded { file, .. } => file(path).map(|file| file.data),
+            FolderSource::Disk(root) => std::fs::read(root.join(path)).ok().map(Cow::Owned),
         }
     }
 
@@ -114,13 +113,12 @@ fn list(root: &Path, prefix: &str, paths: &mut Vec<Cow<'static, str>>) {
 pub struct Folders(Vec<Folder>);
 
 impl Folders {
-    pub fn of(folder: Folder) -> Self {
+    pub fn new(folder: Folder) -> Self {
         Self(vec![folder])
     }
 
-    /// These folders and one more.
     #[must_use]
-    pub fn and(mut self, folder: Folder) -> Self {
+    pub fn with(mut self, folder: Folder) -> Self {
         self.0.push(folder);
         self
     }

@@ -10,26 +10,26 @@ use crate::input::{self, kind_name};
 
 /// A folder that is there. Names of files are paths beneath it.
 #[derive(Clone, Debug)]
-pub struct Folder {
+pub struct Dir {
     path: PathBuf,
 }
 
 /// The folder of a path's last part, and that part.
-pub fn of(path: &Path) -> io::Result<(Folder, &Path)> {
+pub fn open_parent(path: &Path) -> io::Result<(Dir, &Path)> {
     let name = path.file_name().ok_or_else(|| outside(path))?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    Ok((Folder::open(folder.unwrap_or(Path::new(".")))?, Path::new(name)))
+    Ok((Dir::open(folder.unwrap_or(Path::new(".")))?, Path::new(name)))
 }
 
-/// Writes a file that the user names; see [`Folder::write`].
+/// Writes a file that the user names; see [`Dir::write`].
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let (folder, name) = of(path)?;
+    let (folder, name) = open_parent(path)?;
     folder.write(name, bytes)
 }
 
 /// The bytes of a file that lies beneath its folder, decompressed as [`input::unpacked`] does.
 pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
-    let (folder, name) = of(path)?;
+    let (folder, name) = open_parent(path)?;
     input::unpack(folder.read(name)?, limit)
 }
 
@@ -38,7 +38,7 @@ pub fn is_there(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
 
-impl Folder {
+impl Dir {
     pub fn open(path: &Path) -> io::Result<Self> {
         // Only a folder has entries: anything else is an error.
         std::fs::read_dir(path)?;
@@ -89,7 +89,6 @@ impl Folder {
         self.place(name.as_ref()).is_ok_and(|path| path.is_file())
     }
 
-    /// Opens a file to read it.
     pub fn read(&self, name: impl AsRef<Path>) -> io::Result<File> {
         File::open(self.place(name.as_ref())?)
     }
@@ -153,7 +152,7 @@ mod tests {
     #[test]
     fn a_file_is_replaced_whole_or_stays() {
         let place = tempfile::tempdir().unwrap();
-        let folder = Folder::make(&place.path().join("a/b")).unwrap();
+        let folder = Dir::make(&place.path().join("a/b")).unwrap();
         folder.write("x", b"one").unwrap();
         let failed = folder.write_with("x", |file| {
             file.write_all(b"tw")?;
@@ -180,7 +179,7 @@ mod tests {
         let precious = place.path().join("precious");
         fs::create_dir(&precious).unwrap();
         fs::write(precious.join("a"), "keep").unwrap();
-        let folder = Folder::make(&place.path().join("own")).unwrap();
+        let folder = Dir::make(&place.path().join("own")).unwrap();
         folder.write("own", b"own").unwrap();
         let links = [
             (precious.join("a"), "link"),
@@ -224,7 +223,7 @@ mod tests {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 7);
         assert_eq!(fs::read_dir(&precious).unwrap().count(), 1);
         // The folder that the user names may be a link.
-        let linked = Folder::open(&folder.path().join("linked")).unwrap();
+        let linked = Dir::open(&folder.path().join("linked")).unwrap();
         assert_eq!(linked.bytes("a", 9).unwrap(), b"keep");
         // What is written can be read by whom any new file can.
         let usual = place.path().join("usual");

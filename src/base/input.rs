@@ -83,7 +83,7 @@ pub fn limited(file: File, limit: u64) -> io::Result<Limited<File>> {
 }
 
 /// A file's bytes, no more than `limit`.
-pub fn plain(path: &Path, limit: u64) -> io::Result<Limited<File>> {
+pub fn open_limited(path: &Path, limit: u64) -> io::Result<Limited<File>> {
     limited(open(path)?, limit)
 }
 
@@ -115,7 +115,7 @@ pub fn sha256(mut source: impl Read) -> io::Result<String> {
 
 /// A file's text, no more than `limit` bytes of it.
 pub fn text(path: &Path, limit: u64) -> io::Result<String> {
-    io::read_to_string(plain(path, limit)?)
+    io::read_to_string(open_limited(path, limit)?)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

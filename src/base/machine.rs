@@ -27,7 +27,7 @@ pub struct Machine {
 impl Machine {
     /// This one, as Linux tells; none on other systems.
     #[cfg(target_os = "linux")]
-    pub fn here() -> Option<Self> {
+    pub fn detect() -> Option<Self> {
         use procfs::sys::kernel::Version;
         use procfs::{CpuInfo, Current, Meminfo};
         const GOVERNOR: &str = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor";
@@ -43,7 +43,7 @@ impl Machine {
     }
 
     #[cfg(not(target_os = "linux"))]
-    pub fn here() -> Option<Self> {
+    pub fn detect() -> Option<Self> {
         None
     }
 }

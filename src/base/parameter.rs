@@ -53,7 +53,7 @@ pub enum Allowed {
 
 /// A parameter, for listings.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Field {
+pub struct ParamField {
     /// Dotted.
     pub path: String,
     pub allowed: Allowed,
@@ -64,20 +64,20 @@ pub struct Field {
 
 /// What stands beside a field.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Beside<'a> {
+pub struct FieldMeta<'a> {
     pub path: &'a str,
     pub range: Option<Range>,
     pub unit: &'static str,
     pub about: &'a str,
 }
 
-impl<'a> Beside<'a> {
+impl<'a> FieldMeta<'a> {
     pub fn new(path: &'a str, about: &'a str) -> Self {
         Self { path, about, ..Self::default() }
     }
 
     #[must_use]
-    pub fn within(self, low: f64, high: f64, unit: &'static str) -> Self {
+    pub fn with_range(self, low: f64, high: f64, unit: &'static str) -> Self {
         Self { range: Some(Range { low, high }), unit, ..self }
     }
 }
@@ -85,41 +85,41 @@ impl<'a> Beside<'a> {
 /// A value of a parameter, or a group of parameters.
 pub trait Setting {
     /// An error names the first value out of its range. Where there is no range, all pass.
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+    fn check(&self, _: FieldMeta<'_>) -> Result<(), ParamError> {
         Ok(())
     }
 
     /// Lists the parameter, or those of the group.
-    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>);
+    fn describe(beside: FieldMeta<'_>, fields: &mut Vec<ParamField>);
 }
 
 /// An entry of a list that is one parameter: a free table that its reader judges.
-pub trait Listed: Sized {
+pub trait TableEntry: Sized {
     fn check(all: &[Self]) -> Result<(), ParamError>;
 }
 
-impl<T: Listed> Setting for Vec<T> {
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+impl<T: TableEntry> Setting for Vec<T> {
+    fn check(&self, _: FieldMeta<'_>) -> Result<(), ParamError> {
         T::check(self)
     }
 
-    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+    fn describe(beside: FieldMeta<'_>, fields: &mut Vec<ParamField>) {
         list(beside, Allowed::Free, fields);
     }
 }
 
 /// What may be left out, and what is read from a file, is no parameter.
 impl<T> Setting for Option<T> {
-    fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
+    fn describe(_: FieldMeta<'_>, _: &mut Vec<ParamField>) {}
 }
 
 /// Neither is a table of any names.
 impl<T> Setting for BTreeMap<String, T> {
-    fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
+    fn describe(_: FieldMeta<'_>, _: &mut Vec<ParamField>) {}
 }
 
 /// Refuses a number out of the range, and what is no number.
-pub fn within(path: &str, value: f64, low: f64, high: f64) -> Result<(), ParamError> {
+pub fn check_range(path: &str, value: f64, low: f64, high: f64) -> Result<(), ParamError> {
     if (low..=high).contains(&value) {
         return Ok(());
     }
@@ -127,27 +127,27 @@ pub fn within(path: &str, value: f64, low: f64, high: f64) -> Result<(), ParamEr
 }
 
 /// Lists a single parameter.
-pub fn list(beside: Beside<'_>, allowed: Allowed, fields: &mut Vec<Field>) {
+pub fn list(beside: FieldMeta<'_>, allowed: Allowed, fields: &mut Vec<ParamField>) {
     let about = beside.about.split_whitespace().collect::<Vec<_>>().join(" ");
-    fields.push(Field { path: beside.path.to_owned(), allowed, unit: beside.unit, about });
+    fields.push(ParamField { path: beside.path.to_owned(), allowed, unit: beside.unit, about });
 }
 
 macro_rules! numbers {
     ($($type:ty: $each:expr),* $(,)?) => {
         $(impl Setting for $type {
-            fn check(&self, beside: Beside<'_>) -> Result<(), ParamError> {
+            fn check(&self, beside: FieldMeta<'_>) -> Result<(), ParamError> {
                 let each: fn(&$type) -> Vec<f64> = $each;
                 let Some(Range { low, high }) = beside.range else { return Ok(()) };
                 let values = each(self);
                 if let [value] = values[..] {
-                    return within(beside.path, value, low, high);
+                    return check_range(beside.path, value, low, high);
                 }
                 values.into_iter().enumerate().try_for_each(|(i, value)| {
-                    within(&format!("{}[{i}]", beside.path), value, low, high)
+                    check_range(&format!("{}[{i}]", beside.path), value, low, high)
                 })
             }
 
-            fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+            fn describe(beside: FieldMeta<'_>, fields: &mut Vec<ParamField>) {
                 list(beside, beside.range.map_or(Allowed::Free, Allowed::Numbers), fields);
             }
         })*
@@ -166,13 +166,13 @@ numbers! {
 }
 
 impl Setting for bool {
-    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+    fn describe(beside: FieldMeta<'_>, fields: &mut Vec<ParamField>) {
         list(beside, Allowed::Flag, fields);
     }
 }
 
 impl Setting for String {
-    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+    fn describe(beside: FieldMeta<'_>, fields: &mut Vec<ParamField>) {
         list(beside, Allowed::Free, fields);
     }
 }
@@ -181,14 +181,14 @@ impl Setting for String {
 pub fn names_of<T: DeserializeOwned>() -> &'static [&'static str] {
     let mut names: &[&str] = &[];
     // It asks for its names, is given nothing, and fails.
-    let _ = T::deserialize(Asked(&mut names));
+    let _ = T::deserialize(NameProbe(&mut names));
     names
 }
 
 /// Tells which names or keys a type asks for, and gives it nothing.
-struct Asked<'a>(&'a mut &'static [&'static str]);
+struct NameProbe<'a>(&'a mut &'static [&'static str]);
 
-impl<'de> Deserializer<'de> for Asked<'_> {
+impl<'de> Deserializer<'de> for NameProbe<'_> {
     type Error = Nothing;
 
     fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Nothing> {
@@ -222,7 +222,7 @@ impl<'de> Deserializer<'de> for Asked<'_> {
 }
 
 /// A dotted path one step longer.
-pub fn joined(path: &str, field: &str) -> String {
+pub fn join_path(path: &str, field: &str) -> String {
     if path.is_empty() { field.to_owned() } else { format!("{path}.{field}") }
 }
 
@@ -232,8 +232,8 @@ macro_rules! choices {
     ($($name:ty),* $(,)?) => {
         $(impl $crate::parameter::Setting for $name {
             fn describe(
-                beside: $crate::parameter::Beside<'_>,
-                fields: &mut Vec<$crate::parameter::Field>,
+                beside: $crate::parameter::FieldMeta<'_>,
+                fields: &mut Vec<$crate::parameter::ParamField>,
             ) {
                 let names = $crate::parameter::names_of::<$name>();
                 $crate::parameter::list(beside, $crate::parameter::Allowed::Names(names), fields);
@@ -303,25 +303,25 @@ macro_rules! settings {
         impl $crate::parameter::Setting for $name {
             fn check(
                 &self,
-                beside: $crate::parameter::Beside<'_>,
+                beside: $crate::parameter::FieldMeta<'_>,
             ) -> Result<(), $crate::parameter::ParamError> {
                 $({
-                    let path = $crate::parameter::joined(beside.path, stringify!($field));
-                    let beside = $crate::parameter::Beside::new(&path, concat!($($about, "\n"),*))
-                        $(.within($low as f64, $high as f64, $unit))?;
+                    let path = $crate::parameter::join_path(beside.path, stringify!($field));
+                    let beside = $crate::parameter::FieldMeta::new(&path, concat!($($about, "\n"),*))
+                        $(.with_range($low as f64, $high as f64, $unit))?;
                     $crate::parameter::Setting::check(&self.$field, beside)?;
                 })*
                 Ok(())
             }
 
             fn describe(
-                beside: $crate::parameter::Beside<'_>,
-                fields: &mut Vec<$crate::parameter::Field>,
+                beside: $crate::parameter::FieldMeta<'_>,
+                fields: &mut Vec<$crate::parameter::ParamField>,
             ) {
                 $({
-                    let path = $crate::parameter::joined(beside.path, stringify!($field));
-                    let beside = $crate::parameter::Beside::new(&path, concat!($($about, "\n"),*))
-                        $(.within($low as f64, $high as f64, $unit))?;
+                    let path = $crate::parameter::join_path(beside.path, stringify!($field));
+                    let beside = $crate::parameter::FieldMeta::new(&path, concat!($($about, "\n"),*))
+                        $(.with_range($low as f64, $high as f64, $unit))?;
                     <$type as $crate::parameter::Setting>::describe(beside, fields);
                 })*
             }
@@ -333,14 +333,14 @@ macro_rules! settings {
 pub fn read<T: Setting + DeserializeOwned>(tree: &Value) -> Result<T, ParamError> {
     let parsed: T = serde_path_to_error::deserialize(tree)
         .map_err(|error| ParamError::Unfit(format!("{}: {}", error.path(), error.inner())))?;
-    parsed.check(Beside::default())?;
+    parsed.check(FieldMeta::default())?;
     Ok(parsed)
 }
 
 /// Every parameter of a group.
-pub fn fields<T: Setting>() -> Vec<Field> {
+pub fn fields<T: Setting>() -> Vec<ParamField> {
     let mut fields = Vec::new();
-    T::describe(Beside::default(), &mut fields);
+    T::describe(FieldMeta::default(), &mut fields);
     fields
 }
 
@@ -360,7 +360,7 @@ fn collect(tree: &Value, prefix: &str, paths: &mut Vec<String>) {
     match tree {
         Value::Object(map) => {
             for (key, value) in map {
-                collect(value, &joined(prefix, key), paths);
+                collect(value, &join_path(prefix, key), paths);
             }
         }
         _ => paths.push(prefix.to_owned()),

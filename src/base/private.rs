@@ -47,14 +47,14 @@ pub fn command() -> Vec<String> {
         if Path::new(&word).is_absolute() {
             path(Path::new(&word))
         } else {
-            words(&word.to_string_lossy())
+            redact(&word.to_string_lossy())
         }
     };
     std::env::args_os().map(shown).collect()
 }
 
 /// A text with the absolute paths in it as [`path`] gives them.
-pub fn words(text: &str) -> String {
+pub fn redact(text: &str) -> String {
     let is_beside_path = |c: char| c.is_whitespace() || AFTER_PATH.contains(&c);
     // Names of these folders may hold what ends a path elsewhere, such as spaces.
     let folders = [(std::env::current_dir().ok(), ""), (std::env::home_dir(), "/~/")];
@@ -97,7 +97,7 @@ fn host_name() -> Option<String> {
     #[cfg(target_os = "linux")]
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
     #[cfg(not(target_os = "linux"))]
-    let name = crate::process::printed(&mut std::process::Command::new("hostname")).ok();
+    let name = crate::process::run_for_stdout(&mut std::process::Command::new("hostname")).ok();
     name.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty())
 }
 
@@ -163,10 +163,10 @@ mod tests {
             ("/", "/"),
             ("", ""),
         ] {
-            assert_eq!(words(text), shown);
+            assert_eq!(redact(text), shown);
         }
-        assert_eq!(words(&format!("see {current}/runs/one/x.png")), "see runs/one/x.png");
-        assert_eq!(words(&format!("see {home}/some/x.png")), "see x.png");
-        assert_eq!(words(&format!("see {current}x/y")), "see y");
+        assert_eq!(redact(&format!("see {current}/runs/one/x.png")), "see runs/one/x.png");
+        assert_eq!(redact(&format!("see {home}/some/x.png")), "see x.png");
+        assert_eq!(redact(&format!("see {current}x/y")), "see y");
     }
 }

@@ -35,7 +35,7 @@ const SLICE: Duration = Duration::from_millis(100);
 /// Time between two looks whether a process has ended.
 const POLL: Duration = Duration::from_millis(2);
 /// How long a killed process is waited for: one within a call of the system that does not end outlasts its kill.
-const FAREWELL: Duration = Duration::from_secs(10);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A child with all processes that it has started. They end with it, with the calling thread, or when this is dropped.
 pub struct ProcessTree {
@@ -56,7 +56,7 @@ impl ProcessTree {
         guardian::set(command);
         let mut child = command.spawn()?;
         #[cfg(target_os = "linux")]
-        let id = guardian::guarded(child.id()).unwrap_or(child.id());
+        let id = guardian::guarded_child(child.id()).unwrap_or(child.id());
         #[cfg(not(target_os = "linux"))]
         let id = child.id();
         let (stdin, stdout, stderr) =
@@ -87,7 +87,7 @@ impl ProcessTree {
             guardian::end(self.child.id());
             #[cfg(not(target_os = "linux"))]
             let _ = self.child.kill();
-            let _ = self.status_within(FAREWELL);
+            let _ = self.status_within(SHUTDOWN_TIMEOUT);
         }
     }
 }
@@ -139,11 +139,10 @@ impl Limits<'_> {
     }
 }
 
-/// What a process says while it runs.
-enum Said {
-    Complaint(String),
+enum ChildStream {
+    Stderr(String),
     /// Standard output; none where it was too much.
-    Answer(io::Result<Option<Vec<u8>>>),
+    Stdout(io::Result<Option<Vec<u8>>>),
 }
 
 /// Runs a command to its end and gives its standard output, if it ended well. `tell` takes each line of its standard error.
@@ -161,11 +160,11 @@ pub fn run(
     loop {
         limits.check(start)?;
         match said.recv_timeout(SLICE) {
-            Ok(Said::Complaint(line)) => {
+            Ok(ChildStream::Stderr(line)) => {
                 tell(&line);
                 complaint.add(line);
             }
-            Ok(Said::Answer(read)) => {
+            Ok(ChildStream::Stdout(read)) => {
                 answer = read.map_err(ProcessError::Io)?.ok_or(ProcessError::Flooded)?;
             }
             Err(RecvTimeoutError::Timeout) => {}
@@ -186,13 +185,13 @@ pub fn run(
 }
 
 /// What a tool prints, without white space around it.
-pub fn printed(command: &mut Command) -> Result<String, ProcessError> {
+pub fn run_for_stdout(command: &mut Command) -> Result<String, ProcessError> {
     run(command, Limits::TOOL, &mut |_| ()).map(|text| text.trim().to_owned())
 }
 
 /// What git prints in a folder, without white space around it; else its complaint, of which one line.
 pub fn git(folder: &Path, arguments: &[&str]) -> Result<String, String> {
-    printed(Command::new("git").arg("-C").arg(folder).args(arguments)).map_err(|error| {
+    run_for_stdout(Command::new("git").arg("-C").arg(folder).args(arguments)).map_err(|error| {
         let ProcessError::Failed { status, complaint } = error else {
             return format!("git: {error}");
         };
@@ -212,19 +211,19 @@ pub fn take_size_limit_as_error() {
 }
 
 /// Reads both outputs in threads. They end with the process, as nothing is left that could hold its pipes open.
-fn listen(tree: &mut ProcessTree, said: SyncSender<Said>) {
+fn listen(tree: &mut ProcessTree, said: SyncSender<ChildStream>) {
     if let Some(output) = tree.stdout.take() {
         let said = said.clone();
-        std::thread::spawn(move || said.send(Said::Answer(answer(output))));
+        std::thread::spawn(move || said.send(ChildStream::Stdout(read_stdout(output))));
     }
     if let Some(output) = tree.stderr.take() {
         std::thread::spawn(move || {
-            each_line(output, |line| said.send(Said::Complaint(line)).is_ok());
+            each_line(output, |line| said.send(ChildStream::Stderr(line)).is_ok());
         });
     }
 }
 
-fn answer(output: impl Read) -> io::Result<Option<Vec<u8>>> {
+fn read_stdout(output: impl Read) -> io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
     let read = output.take(MAX_ANSWER + 1).read_to_end(&mut bytes)?;
     Ok((read as u64 <= MAX_ANSWER).then_some(bytes))
@@ -268,9 +267,9 @@ impl fmt::Display for Excerpt {
 }
 
 /// A thread that reads all that a process complains of and keeps an excerpt.
-pub struct Listener(JoinHandle<Excerpt>);
+pub struct StderrReader(JoinHandle<Excerpt>);
 
-impl Listener {
+impl StderrReader {
     pub fn start(output: impl Read + Send + 'static) -> Self {
         Self(std::thread::spawn(move || {
             let mut excerpt = Excerpt::default();
@@ -283,9 +282,9 @@ impl Listener {
     }
 
     /// What there was, of a process that has ended. Empty where something else still holds its pipe.
-    pub fn heard(self) -> Excerpt {
+    pub fn finish(self) -> Excerpt {
         let start = Instant::now();
-        while !self.0.is_finished() && start.elapsed() < FAREWELL {
+        while !self.0.is_finished() && start.elapsed() < SHUTDOWN_TIMEOUT {
             std::thread::sleep(POLL);
         }
         if self.0.is_finished() { self.0.join().unwrap_or_default() } else { Excerpt::default() }

@@ -78,14 +78,13 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    /// Of this process.
-    pub fn here() -> Self {
+    pub fn detect() -> Self {
         Self {
             cores: allowed_cores(),
             rasterizer_threads: std::env::var(RASTERIZER_THREADS).ok(),
             randomized: randomized(),
             host: private::machine(),
-            machine: Machine::here(),
+            machine: Machine::detect(),
         }
     }
 }
@@ -121,7 +120,7 @@ pub fn cores_before() -> Vec<usize> {
 }
 
 /// Lets the calling thread run on all cores that the program could run on before it began again.
-pub fn spread() {
+pub fn use_all_cores() {
     system::allow(&cores_before());
 }
 
@@ -150,7 +149,7 @@ mod system {
 
     /// The program will find its addresses not randomized, and itself on one core if one is named.
     pub fn prepare(command: &mut Command, core: Option<usize>) {
-        let core = core.and_then(one);
+        let core = core.and_then(single_core);
         let prepare = move || {
             if let Ok(persona) = personality::get() {
                 let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
@@ -186,7 +185,7 @@ mod system {
 
     /// Moves all threads of a process to one core.
     pub fn pin(process: u32, core: usize) {
-        let Some(set) = one(core) else { return };
+        let Some(set) = single_core(core) else { return };
         let Ok(tasks) = std::fs::read_dir(format!("/proc/{process}/task")) else {
             return;
         };
@@ -209,7 +208,7 @@ mod system {
         Some(!persona.contains(Persona::ADDR_NO_RANDOMIZE))
     }
 
-    fn one(core: usize) -> Option<CpuSet> {
+    fn single_core(core: usize) -> Option<CpuSet> {
         let mut set = CpuSet::new();
         set.set(core).ok().map(|()| set)
     }

@@ -142,7 +142,7 @@ fn lower_rank(n: usize, alpha: f64) -> Option<usize> {
 }
 
 /// The least number of samples whose median has an interval at this level.
-pub fn least_samples(alpha: f64) -> usize {
+pub fn min_samples(alpha: f64) -> usize {
     // One sample on either side: 2 · 2⁻ⁿ ≤ alpha.
     (2.0 / alpha).log2().ceil().max(1.0) as usize
 }
@@ -261,7 +261,7 @@ pub fn resampled_interval(
     samples: &[Vec<f64>],
     figure: impl Fn(&[f64]) -> Option<f64>,
 ) -> Option<Interval> {
-    if samples.iter().any(|own| own.len() < least_samples(ALPHA)) {
+    if samples.iter().any(|own| own.len() < min_samples(ALPHA)) {
         return None;
     }
     let mut state = 0;
@@ -336,10 +336,10 @@ mod tests {
         let six = estimate(&[3.0, 1.0, 2.0, 5.0, 4.0, 6.0]);
         assert_eq!(six.interval, Some(Interval { low: 1.0, high: 6.0 }));
         for alpha in [0.05, 0.01, 0.005, 0.0003] {
-            let least = least_samples(alpha);
+            let least = min_samples(alpha);
             assert_eq!((lower_rank(least - 1, alpha), lower_rank(least, alpha)), (None, Some(1)));
         }
-        assert_eq!([0.05, 0.01].map(least_samples), [6, 8]);
+        assert_eq!([0.05, 0.01].map(min_samples), [6, 8]);
     }
 
     /// The sum of twelve uniform numbers, as good as normal.

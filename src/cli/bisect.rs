@@ -4,17 +4,17 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use crate::compare::bisect::{self, BisectOptions};
-use crate::compare::candidates::{Building, Searched};
+use crate::compare::candidates::{BuildMethod, SearchSpace};
 use crate::compare::cells::Gates;
 use crate::compare::flow;
 use crate::harness::catalog::Catalog;
 use crate::judge::verdict::Status;
+use crate::print;
 use crate::record::comparison::{Gate, GateSettings};
-use crate::tell;
 use anyhow::Context;
 
 use super::COULD_NOT_RUN;
-use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
+use super::commands::{ExitResult, INTERRUPT, INTERRUPTED, gpu_options, watch_interrupts};
 use super::compare_args::{BisectArgs, SearchArgs};
 
 /// Gates of a search for which none are named.
@@ -24,11 +24,11 @@ const NOTHING_TO_FIND: u8 = 1;
 /// Several revisions could not be told apart, or the ends are too noisy.
 const UNDECIDED: u8 = 3;
 
-pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
+pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
     search(catalog, searched(args)?, &args.search)
 }
 
-fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
+fn search(catalog: &Catalog, searched: SearchSpace, args: &SearchArgs) -> ExitResult {
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
     let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
@@ -50,11 +50,11 @@ fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
             ..GateSettings::default()
         },
         batch: args.batch,
-        most_launches: args.most_launches,
+        max_launches: args.most_launches,
         resume: args.resume,
     };
-    let out = flow::taken(args.out.as_deref(), "bisect", false)?;
-    let found = bisect::bisect(&options, &out, &INTERRUPT, &|line| tell::note(line));
+    let out = flow::lock_output(args.out.as_deref(), "bisect", false)?;
+    let found = bisect::bisect(&options, &out, &INTERRUPT, &|line| print::note(line));
     if INTERRUPT.load(Ordering::Relaxed) {
         if let Err(error) = found {
             super::fail(&error.to_string());
@@ -62,12 +62,12 @@ fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let found = found?;
-    tell::answer(if args.json {
+    print::answer(if args.json {
         serde_json::to_string_pretty(&found.json())?
     } else {
         found.text()
     });
-    tell::note(out.folder().display());
+    print::note(out.folder().display());
     Ok(match (&found.answer, found.ends) {
         (Some(answer), _) if answer.is_certain() => ExitCode::SUCCESS,
         (Some(_), _) | (None, Status::Inconclusive) => ExitCode::from(UNDECIDED),
@@ -77,16 +77,16 @@ fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
 }
 
 /// What is searched among; the command line has one of these.
-fn searched(args: &BisectArgs) -> anyhow::Result<Searched> {
+fn searched(args: &BisectArgs) -> anyhow::Result<SearchSpace> {
     let by = building(&args.search);
     if let Some(list) = args.candidates.clone() {
-        return Ok(Searched::Lines { list, by });
+        return Ok(SearchSpace::Lines { list, by });
     }
     let good = args.good.clone().context("give --good REV or --candidates FILE")?;
-    Ok(Searched::Revisions { good, bad: args.bad.clone(), by })
+    Ok(SearchSpace::Revisions { good, bad: args.bad.clone(), by })
 }
 
-fn building(args: &SearchArgs) -> Building {
+fn building(args: &SearchArgs) -> BuildMethod {
     let build = args.build_cmd.as_deref().unwrap_or(":").to_owned();
-    args.cmd.clone().map_or(Building::Cargo, |run| Building::Commands { build, run })
+    args.cmd.clone().map_or(BuildMethod::Cargo, |run| BuildMethod::Commands { build, run })
 }

@@ -11,20 +11,20 @@ use crate::folder;
 use crate::gpu::{self, Audit, Gpu};
 use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
-use crate::harness::figures::{self, Figure};
+use crate::harness::figures::{self, PaperFigure};
 use crate::harness::plan::{GIVEN, Request};
-use crate::harness::run::{self, Options, Summary};
+use crate::harness::run::{self, RunOptions, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
     ceilings, dump as dumping, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
-use crate::record::command::{OF_CELLS, parted};
+use crate::record::command::{CELL_OPTIONS, split_options};
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, FolderLock, OutcomeCounts, PassKind, Reading, Record, Standing};
-use crate::report::{self, Artifact, ReportView};
+use crate::record::{Clock, FolderLock, OutcomeCounts, PassKind, Record, RecordFile, RunProgress};
+use crate::report::{self, Artifact, Report};
 use crate::verify::{SkippedCase, Verified};
-use crate::{exporters, private, quiet, record, tell, text};
+use crate::{exporters, print, private, quiet, record, text};
 use anyhow::Context;
 use itertools::Itertools as _;
 use serde::Serialize;
@@ -41,15 +41,15 @@ pub const INTERRUPTED: u8 = 130;
 
 pub static INTERRUPT: AtomicBool = AtomicBool::new(false);
 
-pub type Outcome = anyhow::Result<ExitCode>;
+pub type ExitResult = anyhow::Result<ExitCode>;
 
-pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
+pub fn run(catalog: &Catalog, args: RunArgs) -> ExitResult {
     let start = Instant::now();
-    if Gpu::chosen(&gpu_options(catalog, &args.adapter))?.software {
+    if Gpu::choose(&gpu_options(catalog, &args.adapter))?.software {
         quiet::begin_again();
     }
     watch_interrupts()?;
-    let options = Options {
+    let options = RunOptions {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, &args.adapter),
         profile: args.profile,
@@ -66,13 +66,12 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
 }
 
 /// Measures what is asked for, writes records and reports, and prints what came out in short: of sweeps their tables.
-pub fn measure(options: &Options, start: Instant) -> Outcome {
+pub fn measure(options: &RunOptions, start: Instant) -> ExitResult {
     let mut has_tables = false;
-    let mut report = |folder: &Path, records: &[Record], standing: Standing| {
-        let view =
-            ReportView { standing: Some(standing), ..ReportView::new(records, Some(folder)) };
+    let mut report = |folder: &Path, records: &[Record], standing: RunProgress| {
+        let view = Report { standing: Some(standing), ..Report::new(records, Some(folder)) };
         if let Err(error) = exporters::write_view(folder, &view) {
-            tell::note(format!("error: no report yet: {error}"));
+            print::note(format!("error: no report yet: {error}"));
         }
         if !std::mem::replace(&mut has_tables, true) {
             print_sizes(&view);
@@ -81,12 +80,12 @@ pub fn measure(options: &Options, start: Instant) -> Outcome {
     let summary = run::run(options, start, &mut report, &INTERRUPT)?;
     let output = OutputFolder { folder: summary.out.clone() };
     let reading = record::read(&output.records())?;
-    let view = ReportView::new(&reading.records, Some(&output.folder));
-    let in_short = report::in_short(&view);
+    let view = Report::new(&reading.records, Some(&output.folder));
+    let in_short = report::terminal_summary(&view);
     print_sizes(&view);
     drop(view);
     let files = exporters::write(&output.folder, reading)?;
-    in_short.iter().for_each(tell::done);
+    in_short.iter().for_each(print::status);
     print_summary(&summary, options);
     print_pages(&files);
     let OutcomeCounts { measured, failed, over_budget, .. } = summary.counts;
@@ -102,21 +101,19 @@ pub fn measure(options: &Options, start: Instant) -> Outcome {
     })
 }
 
-/// The status of a command whose parts went well or not.
-pub fn ended(well: bool) -> Outcome {
+pub fn exit_code(well: bool) -> ExitResult {
     Ok(if well { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
 }
 
-/// Names the files that a command has written.
-pub fn written(paths: impl IntoIterator<Item = PathBuf>) -> Outcome {
-    paths.into_iter().for_each(|path| tell::done(path.display()));
+pub fn list_files(paths: impl IntoIterator<Item = PathBuf>) -> ExitResult {
+    paths.into_iter().for_each(|path| print::status(path.display()));
     Ok(ExitCode::SUCCESS)
 }
 
 /// Writes files into a folder, under their own names.
-pub fn write_into(folder: &Path, files: Vec<Artifact>) -> Outcome {
+pub fn write_into(folder: &Path, files: Vec<Artifact>) -> ExitResult {
     let _lock = FolderLock::take(folder)?;
-    written(exporters::put(folder, files)?)
+    list_files(exporters::write_artifacts(folder, files)?)
 }
 
 /// What a run is asked to measure.
@@ -136,19 +133,19 @@ pub fn request(args: RunArgs) -> Request {
 }
 
 /// What each size of a sweep costs; nothing where there is no sweep.
-fn print_sizes(view: &ReportView<'_>) {
+fn print_sizes(view: &Report<'_>) {
     let parts = report::sizes::parts(view);
     if !parts.is_empty() {
-        tell::answer(report::document::terminal(&parts));
+        print::answer(report::document::terminal(&parts));
     }
 }
 
 /// The command that goes on with a run.
-fn resuming(options: &Options, folder: &Path) -> String {
+fn resuming(options: &RunOptions, folder: &Path) -> String {
     let Request { experiments, given, .. } = &options.request;
     let made = given.iter().map(|_| folder.join(GIVEN).display().to_string());
-    let known: &[_] = if given.is_some() { &OF_CELLS[2..] } else { &OF_CELLS };
-    let (of_cells, _) = parted(&options.command, known);
+    let known: &[_] = if given.is_some() { &CELL_OPTIONS[2..] } else { &CELL_OPTIONS };
+    let (of_cells, _) = split_options(&options.command, known);
     let words = ["fathom", "run"].map(str::to_owned).into_iter();
     let words = words.chain(made).chain(experiments.iter().cloned()).chain(of_cells);
     let folder = ["--out".to_owned(), folder.display().to_string(), "--resume".to_owned()];
@@ -161,7 +158,7 @@ fn print_pages(files: &[PathBuf]) {
         let name = path.file_name().and_then(|name| name.to_str());
         name.is_some_and(|name| [report::PAGE.file, report::SUMMARY.file].contains(&name))
     };
-    files.iter().filter(is_first).for_each(|path| tell::done(path.display()));
+    files.iter().filter(is_first).for_each(|path| print::status(path.display()));
 }
 
 /// From now on a first interrupt sets [`INTERRUPT`], and a second one ends the process.
@@ -170,27 +167,27 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
         if INTERRUPT.swap(true, Ordering::Relaxed) {
             std::process::exit(INTERRUPTED.into());
         }
-        tell::note("ending with what is measured so far; interrupt again to abort");
+        print::note("ending with what is measured so far; interrupt again to abort");
     })
     .context("cannot watch for Ctrl-C")
 }
 
-fn print_summary(summary: &Summary, options: &Options) {
+fn print_summary(summary: &Summary, options: &RunOptions) {
     let Summary {
         counts: OutcomeCounts { measured, skipped, failed, over_budget }, kept, end, ..
     } = summary;
-    tell::done(format!(
+    print::status(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
     if *over_budget > 0 {
         let command = resuming(options, &summary.out);
-        tell::done(format!(
+        print::status(format!(
             "{over_budget} cells not run or not finished; `{command}` goes on with them"
         ));
     }
     let ratio = end.measuring_wall_s / end.measured_gpu_s;
     let ratio = (end.measured_gpu_s > 0.0).then(|| format!(" (ratio {ratio:.2})"));
-    tell::done(format!(
+    print::status(format!(
         "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
         end.set_up_s,
         end.measuring_wall_s,
@@ -198,32 +195,32 @@ fn print_summary(summary: &Summary, options: &Options) {
         ratio.unwrap_or_default()
     ));
     if let Some(bytes) = end.peak_memory_bytes {
-        tell::done(format!("{:.2} GiB of memory at most", bytes as f64 / f64::from(1 << 30)));
+        print::status(format!("{:.2} GiB of memory at most", bytes as f64 / f64::from(1 << 30)));
     }
 }
 
 /// The clocks that `run` would use here.
-pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
+pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let options = gpu_options(catalog, args);
-    if Gpu::chosen(&options)?.software {
+    if Gpu::choose(&options)?.software {
         quiet::begin_again();
     }
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
-    let turns = gpu::loop_turns(&gpu)?;
+    let turns = gpu::measure_loop_turns(&gpu)?;
     if json {
         let mut answer = audit_json(&of_run);
         answer["adapter"] = json!(gpu.adapter);
         answer["loop_turns"] = json!(turns);
-        return in_json(&answer);
+        return print_json(&answer);
     }
     let cores = quiet::allowed_cores();
     let pinned =
         if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
-    tell::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
-    tell::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
-    tell::answer(gpu::turns_line(turns));
+    print::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
+    print::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
+    print::answer(gpu::describe_loop_turns(turns));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -232,29 +229,28 @@ fn audit_json(audit: &Audit) -> Value {
     json!({
         "clocks": record::Clocks::from(PassKind::TIMED.map(|kind| (kind, audit.plan.clock(kind)))),
         "audit": audit.rows,
-        "submit_cost_ns": BTreeMap::from(PassKind::TIMED.map(|kind| (kind, cost.of(kind)))),
+        "submit_cost_ns": BTreeMap::from(PassKind::TIMED.map(|kind| (kind, cost.ns(kind)))),
     })
 }
 
-/// Answers with one JSON value.
-pub fn in_json(answer: &impl Serialize) -> Outcome {
-    tell::answer(serde_json::to_string_pretty(answer)?);
+pub fn print_json(answer: &impl Serialize) -> ExitResult {
+    print::answer(serde_json::to_string_pretty(answer)?);
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
+pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let options = gpu_options(catalog, args);
-    if Gpu::chosen(&options)?.software {
+    if Gpu::choose(&options)?.software {
         quiet::begin_again();
     }
     let gpu = Gpu::open(&options)?;
-    let answer = ceilings::answer(&gpu, gpu::audit_all(&gpu)?.plan)?;
+    let answer = ceilings::measure_all(&gpu, gpu::audit_all(&gpu)?.plan)?;
     if json {
-        in_json(&answer)?;
+        print_json(&answer)?;
     } else {
-        tell::answer(format!("{}\n{answer}", text::line(&answer.adapter)));
+        print::answer(format!("{}\n{answer}", text::line(&answer.adapter)));
     }
-    ended(answer.unsound.is_empty())
+    exit_code(answer.unsound.is_empty())
 }
 
 pub fn verify(
@@ -262,34 +258,34 @@ pub fn verify(
     filter: Option<&str>,
     json: bool,
     adapter: &AdapterArgs,
-) -> Outcome {
+) -> ExitResult {
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
     let cases = catalog.cases();
     let Verified { checks, skipped } =
-        verifying::verify(&gpu, &cases, filter, |ended| tell::note(ended))?;
+        verifying::verify(&gpu, &cases, filter, |ended| print::note(ended))?;
     if let (true, Some(SkippedCase { reason, .. })) = (checks.is_empty(), skipped.first()) {
         anyhow::bail!("every check was skipped; {reason}");
     }
     let all_sound = checks.iter().all(verifying::Check::is_sound);
     if json {
-        in_json(&json!({
+        print_json(&json!({
             "adapter": gpu.adapter, "all_sound": all_sound, "checks": checks, "skipped": skipped
         }))?;
     } else {
-        tell::answer(verifying::Table(&checks));
+        print::answer(verifying::CheckTable(&checks));
         for SkippedCase { stage, what, reason } in skipped {
-            tell::answer(format!("skipped {stage} {what}: {reason}"));
+            print::answer(format!("skipped {stage} {what}: {reason}"));
         }
     }
-    ended(all_sound)
+    exit_code(all_sound)
 }
 
-pub fn fetch(names: &[String]) -> Outcome {
+pub fn fetch(names: &[String]) -> ExitResult {
     let mut failed = false;
     for result in assets::fetch(names) {
         match result {
             Ok(AssetStatus { asset, origin, .. }) => {
-                tell::done(format!("{}: {origin} ({})", asset.name, asset.about));
+                print::status(format!("{}: {origin} ({})", asset.name, asset.about));
             }
             Err(error) => {
                 super::fail(&error);
@@ -300,7 +296,7 @@ pub fn fetch(names: &[String]) -> Outcome {
     Ok(if failed { ExitCode::from(super::COULD_NOT_RUN) } else { ExitCode::SUCCESS })
 }
 
-pub fn render(catalog: &Catalog, args: RenderArgs) -> Outcome {
+pub fn render(catalog: &Catalog, args: RenderArgs) -> ExitResult {
     match (&args.figure, &args.scene) {
         (Some(name), _) => render_figures(catalog, &args, name),
         (None, Some(scene)) => render_scene(catalog, &args, scene),
@@ -308,9 +304,9 @@ pub fn render(catalog: &Catalog, args: RenderArgs) -> Outcome {
     }
 }
 
-fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
+fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> ExitResult {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
+    let mut subjects = Subjects::new(catalog).with_capacity(&gpu.capacity);
     let subject = subjects.subject(&args.pipeline, scene, &args.set)?;
     let path = args.output.clone().unwrap_or_else(|| {
         let stem = Path::new(scene).file_stem().unwrap_or_default();
@@ -318,30 +314,30 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
     });
     let (rendered, _) = rendering::image(&gpu, &subject, args.samples.unwrap_or(1))?;
     picture::write_to(&rendered, &path)?;
-    written([path])
+    list_files([path])
 }
 
 /// The panels of each figure, and a page of all of them. A figure that cannot be rendered does not keep the others from it.
-fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
-    let (figures, several) = Figure::named(&catalog.figures, name)?;
+fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> ExitResult {
+    let (figures, several) = PaperFigure::find(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
     let _lock = FolderLock::take(&folder)?;
     let mut gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     gpu.capacity = gpu.capacity.for_figures();
     let (mut sections, mut failed) = (Vec::new(), false);
     for figure in &figures {
-        let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
+        let mut subjects = Subjects::new(catalog).with_capacity(&gpu.capacity);
         match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
             Ok(panels) => {
                 for (panel, number) in panels.iter().zip(0..) {
                     let path = figures::panel_file(&folder, figure, number);
                     picture::write_to(&panel.picture, &path)?;
-                    tell::done(path.display());
+                    print::status(path.display());
                 }
                 sections.push(sheet::section(figure, &panels));
             }
             Err(error) if several => {
-                tell::error(error);
+                print::error(error);
                 failed = true;
             }
             Err(error) => return Err(error),
@@ -349,23 +345,23 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     }
     let page = format!("{name}.html");
     folder::write(&folder.join(&page), sheet::page(name, &sections).as_bytes())?;
-    tell::done(folder.join(page).display());
-    ended(!failed)
+    print::status(folder.join(page).display());
+    exit_code(!failed)
 }
 
-pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
+pub fn dump(catalog: &Catalog, args: DumpArgs) -> ExitResult {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
+    let mut subjects = Subjects::new(catalog).with_capacity(&gpu.capacity);
     let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
     let _lock = FolderLock::take(&args.output)?;
-    written(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
+    list_files(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
-pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {
+pub fn query(catalog: &Catalog, args: QueryArgs) -> ExitResult {
     match args.question {
         Question::Ao => query_occlusion(catalog, &args)?,
     }
-    written(args.output)
+    list_files(args.output)
 }
 
 fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
@@ -375,12 +371,14 @@ fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
     let rays = args.reference.map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
     let exact = rays.map(|rays| querying::reference(&subject, &rows, rays)).transpose()?;
-    answer(args, |name, writer| querying::write(name, writer, &rows, &occlusion, exact.as_deref()))
+    write_answers(args, |name, writer| {
+        querying::write(name, writer, &rows, &occlusion, exact.as_deref())
+    })
 }
 
 /// What is asked of a pipeline is asked of the assets themselves.
 fn queried(catalog: &Catalog, pipeline: &str, args: &QueryArgs) -> anyhow::Result<Subject> {
-    let subject = Subjects::of(catalog).subject(pipeline, &args.scene, &args.set)?;
+    let subject = Subjects::new(catalog).subject(pipeline, &args.scene, &args.set)?;
     anyhow::ensure!(
         subject.scene.stand_ins.is_empty() || args.allow_stand_ins,
         "scene `{}` has stand-ins, whose answers are not those of the asset: {}; or use --allow-stand-ins",
@@ -391,12 +389,12 @@ fn queried(catalog: &Catalog, pipeline: &str, args: &QueryArgs) -> anyhow::Resul
 }
 
 /// Hands answers to the user: to the file that is named, else to standard output.
-fn answer(
+fn write_answers(
     args: &QueryArgs,
     write: impl FnOnce(&str, &mut dyn std::io::Write) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let Some(path) = &args.output else {
-        return write("standard output", &mut tell::Answer);
+        return write("standard output", &mut print::AnswerWriter);
     };
     let name = path.display().to_string();
     let mut bytes = Vec::new();
@@ -406,12 +404,12 @@ fn answer(
 
 /// Of one folder all its files, beside its records. Of several, or into another folder, one page. Of two runs what changed is
 /// printed, with a page or without.
-pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
+pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> ExitResult {
     if let ([folder], None) = (folders.as_slice(), &out) {
-        return written(report_of(folder)?);
+        return list_files(report_of(folder)?);
     }
-    let read = exporters::Folders::read(&folders)?;
-    let changes = read.changes().map(|changes| tell::answer(changes.into_text()));
+    let read = exporters::ReportFolders::read(&folders)?;
+    let changes = read.changes().map(|changes| print::answer(changes.into_text()));
     match out {
         Some(out) => write_into(&out, vec![read.page()]),
         None => changes.map(|()| ExitCode::SUCCESS).context(
@@ -421,10 +419,10 @@ pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
 }
 
 /// The sound records of a folder; the others are named. `hint` ends with the name of the file that should be there.
-pub fn sound(output: &OutputFolder, hint: &str) -> anyhow::Result<Reading> {
+pub fn sound(output: &OutputFolder, hint: &str) -> anyhow::Result<RecordFile> {
     let reading =
         record::read_good(&output.records()).with_context(|| format!("{hint} {RECORDS}"))?;
-    reading.damaged.notice(&output.records()).into_iter().for_each(tell::note);
+    reading.damaged.notice(&output.records()).into_iter().for_each(print::note);
     Ok(reading)
 }
 
@@ -435,7 +433,7 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     exporters::write(&output.folder, reading)
 }
 
-pub fn worker(catalog: &Catalog, args: AdapterArgs) -> Outcome {
+pub fn worker(catalog: &Catalog, args: AdapterArgs) -> ExitResult {
     let (input, output) = (std::io::stdin().lock(), std::io::stdout().lock());
     worker::serve(&gpu_options(catalog, &args), catalog, input, output)?;
     Ok(ExitCode::SUCCESS)

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use crate::compare::build::{self, SetAside};
+use crate::compare::build::{self, ProgramCopy};
 use crate::compare::cells::Gates;
 use crate::compare::environment::{self, Environment};
 use crate::compare::flow::{self, CompareOptions, Program};
@@ -13,26 +13,26 @@ use crate::compare::launch::WorkerStart;
 use crate::compare::settings;
 use crate::harness::catalog::Catalog;
 use crate::judge::files::RunFile;
-use crate::judge::store::StoredComparison;
+use crate::judge::store::Comparison;
 use crate::judge::verdict::Verdicts;
 use crate::record::FolderLock;
 use crate::record::comparison::{Gate, GateSettings, Side};
-use crate::record::output::Held;
-use crate::report::changes::Changes;
+use crate::record::output::Recording;
+use crate::report::changes::RunChanges;
 use crate::report::comparison;
-use crate::{exporters, folder, private, tell};
+use crate::{exporters, folder, print, private};
 use anyhow::{Context, ensure};
 use tempfile::TempDir;
 
-use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
+use super::commands::{ExitResult, INTERRUPT, INTERRUPTED, gpu_options, watch_interrupts};
 use super::compare_args::CompareArgs;
 
 /// Where GitHub Actions takes Markdown for a job's page.
 const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 
-pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
+pub fn compare(catalog: &Catalog, args: CompareArgs) -> ExitResult {
     if let Some(folder) = &args.replay {
-        return tell(folder, &args.format, false);
+        return print_report(folder, &args.format, false);
     }
     if let [base, head] = args.records.as_slice() {
         return two_runs([base, head], &args.gates);
@@ -44,7 +44,7 @@ pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
         }
         held => held?,
     };
-    let status = tell(&held.output.folder, &args.format, true)?;
+    let status = print_report(&held.output.folder, &args.format, true)?;
     let interrupted = INTERRUPT.load(Ordering::Relaxed);
     Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { status })
 }
@@ -55,7 +55,7 @@ fn gate_settings(args: &CompareArgs) -> GateSettings {
     gates.dedup();
     let begun = || {
         let folder = args.out.as_ref().filter(|_| args.resume)?;
-        settings::stored(folder).ok()?.get("seed")?.as_u64()
+        settings::load(folder).ok()?.get("seed")?.as_u64()
     };
     GateSettings {
         threshold: args.threshold,
@@ -69,7 +69,7 @@ fn gate_settings(args: &CompareArgs) -> GateSettings {
     }
 }
 
-fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Held> {
+fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
     let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
@@ -77,8 +77,8 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Held> {
         gates.filtered(filter)?;
     }
     let environments = [
-        environment::of(Side::Base, &args.base_env)?,
-        environment::of(Side::Head, &args.head_env)?,
+        environment::parse(Side::Base, &args.base_env)?,
+        environment::parse(Side::Head, &args.head_env)?,
     ];
     let is_named = args.base.is_some() || args.base_bin.is_some() || args.base_cmd.is_some();
     ensure!(
@@ -89,15 +89,15 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Held> {
     let folder = std::env::current_dir().context("there is no current folder")?;
     let commit = |revision: &String| build::commit(&build::repository(&folder)?, revision);
     let commit = args.base.as_ref().map(commit).transpose()?;
-    let taken = flow::taken(args.out.as_deref(), "compare", args.resume)?;
+    let taken = flow::lock_output(args.out.as_deref(), "compare", args.resume)?;
     // The head first: a build of the base must not swap what is measured.
-    let head = Ran::of(&args.head_bin, &args.head_cmd)?;
-    let head = MadeSide::new(catalog, args, head, of_head)?;
+    let head = WorkerSource::new(&args.head_bin, &args.head_cmd)?;
+    let head = PreparedSide::new(catalog, args, head, of_head)?;
     let base = match (&args.base, commit) {
-        (Some(revision), Some(commit)) => Ran::Revision(&folder, revision, commit),
-        _ => Ran::of(&args.base_bin, &args.base_cmd)?,
+        (Some(revision), Some(commit)) => WorkerSource::Revision(&folder, revision, commit),
+        _ => WorkerSource::new(&args.base_bin, &args.base_cmd)?,
     };
-    let base = MadeSide::new(catalog, args, base, of_base)?;
+    let base = PreparedSide::new(catalog, args, base, of_base)?;
     // The head of a pull request is meant to be what is checked out.
     let is_checkout = args.base.is_some() && args.head_bin.is_none();
     let options = CompareOptions {
@@ -110,11 +110,10 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Held> {
         resume: args.resume,
         checkout: is_checkout.then(|| build::checkout(&folder)).flatten(),
     };
-    flow::measure(&options, taken, &INTERRUPT, &|text| tell::note(text))
+    flow::measure(&options, taken, &INTERRUPT, &|text| print::note(text))
 }
 
-/// What the workers of a side run.
-enum Ran<'a> {
+enum WorkerSource<'a> {
     /// Of the repository around a folder, with its commit.
     Revision(&'a Path, &'a str, String),
     Program(PathBuf),
@@ -122,9 +121,9 @@ enum Ran<'a> {
     Command(&'a str),
 }
 
-impl<'a> Ran<'a> {
+impl<'a> WorkerSource<'a> {
     /// This program, unless another or a command is named.
-    fn of(program: &Option<PathBuf>, command: &'a Option<String>) -> anyhow::Result<Self> {
+    fn new(program: &Option<PathBuf>, command: &'a Option<String>) -> anyhow::Result<Self> {
         Ok(match (program, command) {
             (_, Some(text)) => Self::Command(text),
             (Some(path), None) => Self::Program(path.clone()),
@@ -136,29 +135,29 @@ impl<'a> Ran<'a> {
 }
 
 /// A side with what must stay until the end.
-struct MadeSide {
+struct PreparedSide {
     program: Program,
-    _aside: Option<SetAside>,
+    _aside: Option<ProgramCopy>,
     _shader_cache: Option<TempDir>,
 }
 
-impl MadeSide {
+impl PreparedSide {
     fn new(
         catalog: &Catalog,
         args: &CompareArgs,
-        ran: Ran<'_>,
+        ran: WorkerSource<'_>,
         environment: Environment,
     ) -> anyhow::Result<Self> {
         let (label, commit, path) = match ran {
-            Ran::Command(text) => {
-                let start = WorkerStart { environment, ..WorkerStart::of_command(text) };
+            WorkerSource::Command(text) => {
+                let start = WorkerStart { environment, ..WorkerStart::from_command(text) };
                 let program = Program { label: private::program(text), start };
                 return Ok(Self { program, _aside: None, _shader_cache: None });
             }
-            Ran::Program(path) => (private::path(&path), None, path),
-            Ran::Revision(folder, revision, commit) => {
-                tell::note(format!("building {revision}"));
-                let mut progress = |line: &str| tell::note(line);
+            WorkerSource::Program(path) => (private::path(&path), None, path),
+            WorkerSource::Revision(folder, revision, commit) => {
+                print::note(format!("building {revision}"));
+                let mut progress = |line: &str| print::note(line);
                 let target = catalog.program;
                 let built = build::revision(folder, target, revision, &INTERRUPT, &mut progress)?;
                 (revision.to_owned(), Some(commit), built)
@@ -179,38 +178,38 @@ impl MadeSide {
 }
 
 /// Two files of records: what changed.
-fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> Outcome {
+fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> ExitResult {
     let [base, head] = [RunFile::read(files[0])?, RunFile::read(files[1])?];
-    let changes = Changes::of_files([&base, &head], gates)?;
+    let changes = RunChanges::from_files([&base, &head], gates)?;
     let status = changes.status;
     let headline = format!("{status} (status {}): {}", status as u8, changes.headline);
-    tell::answer(Changes { headline, ..changes }.into_text());
+    print::answer(RunChanges { headline, ..changes }.into_text());
     Ok(ExitCode::from(status as u8))
 }
 
 /// Prints one of the tables of a folder, and writes all of them.
-fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
-    let comparison = StoredComparison::read(folder)?;
+fn print_report(folder: &Path, format: &str, fresh: bool) -> ExitResult {
+    let comparison = Comparison::read(folder)?;
     let _lock = (!fresh).then(|| FolderLock::take(folder)).transpose()?;
-    let verdicts = Verdicts::of(&comparison);
+    let verdicts = Verdicts::judge(&comparison);
     if let Some(format) = exporters::OF_COMPARISONS.iter().find(|known| known.name == format) {
-        tell::answer((format.export)(&verdicts));
+        print::answer((format.export)(&verdicts));
     }
     write(folder, &verdicts, fresh)
 }
 
 /// Writes the tables of a folder. A fresh comparison also goes to the job's page, if there is one.
-fn write(folder: &Path, verdicts: &Verdicts<'_>, fresh: bool) -> Outcome {
-    exporters::put(folder, exporters::of_comparison(verdicts))?;
+fn write(folder: &Path, verdicts: &Verdicts<'_>, fresh: bool) -> ExitResult {
+    exporters::write_artifacts(folder, exporters::comparison_files(verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
         append(Path::new(&page), &comparison::markdown(verdicts))?;
     }
-    tell::note(folder.display());
+    print::note(folder.display());
     Ok(ExitCode::from(verdicts.status as u8))
 }
 
 fn append(page: &Path, text: &str) -> anyhow::Result<()> {
-    let file = folder::of(page).and_then(|(folder, name)| folder.append(name));
+    let file = folder::open_parent(page).and_then(|(folder, name)| folder.append(name));
     file.and_then(|mut file| file.write_all(text.as_bytes()))
         .with_context(|| format!("cannot add to {STEP_SUMMARY} ({})", page.display()))
 }

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::AdapterArgs;
 use crate::exporters::OF_COMPARISONS;
-use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
+use crate::record::comparison::{self, Gate, MAX_LAUNCHES, MAX_PAIRS};
 
 /// The format that is printed where none is asked for.
 const TEXT: &str = "text";
@@ -44,10 +44,10 @@ pub struct CompareArgs {
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
     /// Pairs of worker processes in the time gate; as many again for cells that are still undecided
-    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
+    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LAUNCHES)))]
     pub launches: u32,
     /// Pairs of samples of each cell in each launch; up to four times as many for undecided cells
-    #[arg(long, default_value_t = comparison::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
+    #[arg(long, default_value_t = comparison::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PAIRS)))]
     pub pairs: u32,
     /// Share by which a time must change to count
     #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
@@ -115,10 +115,10 @@ pub struct SearchArgs {
     #[arg(long, value_name = "FILE")]
     pub cells_file: Option<PathBuf>,
     /// Pairs of worker processes between the ends
-    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
+    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LAUNCHES)))]
     pub launches: u32,
     /// Pairs of worker processes each time that a candidate is measured
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LAUNCHES)))]
     pub batch: u32,
     /// Pairs of worker processes for the whole search, those of the ends apart
     #[arg(long, value_name = "N", default_value_t = 120)]

@@ -10,23 +10,23 @@ use serde_json::json;
 use strum::Display;
 
 use super::commands::{
-    INTERRUPT, Outcome, SOMETHING_FAILED, gpu_options, in_json, watch_interrupts,
+    ExitResult, INTERRUPT, SOMETHING_FAILED, gpu_options, print_json, watch_interrupts,
 };
 use super::{AdapterArgs, COULD_NOT_RUN};
 use crate::experiments::Experiment;
-use crate::gpu::{Gpu, Listed};
+use crate::gpu::{AdapterEntry, Gpu};
 use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::plan::Request;
-use crate::harness::run::{self, Options};
+use crate::harness::run::{self, RunOptions};
 use crate::judge::clocks::{self, ClockTrust};
 use crate::judge::run::{Noise, RunVerdict};
 use crate::record::output::OutputFolder;
 use crate::record::{self, Cell, Measured, Record, Run};
-use crate::report::{ReportView, facts};
+use crate::report::{Report, facts};
 use crate::report::{noise, trust};
-use crate::scene::assets::Source;
-use crate::{process, quiet, tell, text};
+use crate::scene::assets::AssetSource;
+use crate::{print, process, quiet, text};
 
 /// What is measured, where the catalogue has it.
 const EXPERIMENT: &str = "uw-default";
@@ -73,12 +73,12 @@ impl Finding {
     }
 }
 
-pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> Outcome {
-    if Gpu::chosen(&gpu_options(catalog, args)).is_ok_and(|adapter| adapter.software) {
+pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> ExitResult {
+    if Gpu::choose(&gpu_options(catalog, args)).is_ok_and(|adapter| adapter.software) {
         quiet::begin_again();
     }
     watch_interrupts()?;
-    let mut findings = match measured(catalog, args) {
+    let mut findings = match measure_briefly(catalog, args) {
         Ok(records) => of_records(&records),
         Err(error) => vec![no_run(&error)],
     };
@@ -88,11 +88,11 @@ pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> Outcome {
     findings.extend(tools());
     let worst = findings.iter().map(|finding| finding.level).max().unwrap_or(Level::Ok);
     if as_json {
-        in_json(&json!({ "worst": worst, "adapters": adapters, "findings": findings }))?;
+        print_json(&json!({ "worst": worst, "adapters": adapters, "findings": findings }))?;
     } else {
         let rows: Vec<_> = findings.iter().map(Finding::row).collect();
-        text::columns(&rows).into_iter().for_each(|row| tell::answer(text::line(&row)));
-        tell::answer(conclusion(worst));
+        text::columns(&rows).into_iter().for_each(|row| print::answer(text::line(&row)));
+        print::answer(conclusion(worst));
     }
     Ok(status(worst))
 }
@@ -113,12 +113,11 @@ fn conclusion(worst: Level) -> &'static str {
     }
 }
 
-/// The records of a short run.
-fn measured(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>> {
+fn measure_briefly(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>> {
     let folder = tempfile::tempdir().context("cannot make a folder for a short run")?;
     let known = Experiment::ids(&catalog.experiments);
     let default = known.iter().find(|id| *id == EXPERIMENT).or(known.first());
-    let options = Options {
+    let options = RunOptions {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, args),
         request: Request {
@@ -133,7 +132,7 @@ fn measured(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>
         budget_s: Some(BUDGET_S),
         out: Some(folder.path().join("run")),
         no_ceilings: true,
-        ..Options::default()
+        ..RunOptions::default()
     };
     let summary = run::run(&options, Instant::now(), &mut |_, _, _| {}, &INTERRUPT)?;
     Ok(record::read(&OutputFolder { folder: summary.out }.records())?.records)
@@ -150,7 +149,7 @@ fn no_run(error: &anyhow::Error) -> Finding {
 }
 
 fn of_records(records: &[Record]) -> Vec<Finding> {
-    let view = ReportView::new(records, None);
+    let view = Report::new(records, None);
     let Some(run) = view.run() else { return Vec::new() };
     let mut findings = vec![adapter(run)];
     let notes = run.notes.iter().filter(|note| note.kind == record::NoteKind::Adapter);
@@ -175,7 +174,7 @@ fn adapter(run: &Run) -> Finding {
 }
 
 /// An adapter on which nothing runs.
-fn unusable(Listed { adapter, lacks }: &Listed) -> Option<Finding> {
+fn unusable(AdapterEntry { adapter, lacks }: &AdapterEntry) -> Option<Finding> {
     let found = format!("{}, {}, cannot be used", adapter.name, adapter.backend);
     let missing = lacks.as_ref()?;
     Some(Finding::new("adapter", Level::Note, format!("{found}: it lacks {missing}")))
@@ -240,7 +239,7 @@ fn of_asset(status: Result<AssetStatus, String>) -> Finding {
         Ok(AssetStatus { asset, path, origin }) => {
             let level = match (path, &asset.source) {
                 (Some(_), _) => Level::Ok,
-                (None, Source::ByHand) => Level::Note,
+                (None, AssetSource::ByHand) => Level::Note,
                 (None, _) => Level::Warning,
             };
             let licence = format!("licence: {}", asset.licence);
@@ -254,7 +253,7 @@ fn of_asset(status: Result<AssetStatus, String>) -> Finding {
 fn tools() -> Vec<Finding> {
     let found = |program: &str| {
         let version =
-            process::printed(std::process::Command::new(program).arg("--version")).ok()?;
+            process::run_for_stdout(std::process::Command::new(program).arg("--version")).ok()?;
         version.lines().next().map(str::to_owned)
     };
     let tool = |program: &str, without: &str, remedy: &str| match found(program) {

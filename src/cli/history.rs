@@ -5,15 +5,15 @@ use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
 
-use super::commands::{Outcome, write_into};
+use super::commands::{ExitResult, write_into};
 use crate::history::{
-    self, Added, DEFAULT_FILE, Findings, History, NewRun, Said, Selection, StoredRuns, VARIABLE,
-    document, tables,
+    self, Added, DEFAULT_FILE, History, HistoryChanges, NewRun, OriginArgs, Selection, StoredRuns,
+    VARIABLE, document, tables,
 };
+use crate::print;
 use crate::record::output::RECORDS;
 use crate::report::document::terminal;
 use crate::report::page::Page;
-use crate::tell;
 
 #[derive(Subcommand)]
 pub enum HistoryCommand {
@@ -23,7 +23,7 @@ pub enum HistoryCommand {
         #[arg(required = true, value_name = "DIR")]
         folders: Vec<PathBuf>,
         #[command(flatten)]
-        said: Said,
+        said: OriginArgs,
         #[command(flatten)]
         place: PlaceArgs,
     },
@@ -82,23 +82,23 @@ impl SelectionArgs {
         Ok((History::open(&self.place.location())?, selection))
     }
 
-    fn stored(self, filter: Option<String>) -> anyhow::Result<StoredRuns> {
+    fn load(self, filter: Option<String>) -> anyhow::Result<StoredRuns> {
         let (history, selection) = self.open(filter)?;
-        history.stored(&selection)
+        history.load(&selection)
     }
 }
 
-pub fn history(command: HistoryCommand) -> Outcome {
+pub fn history(command: HistoryCommand) -> ExitResult {
     match command {
         HistoryCommand::Add { folders, said, place } => add(&folders, said, &place.location()),
         HistoryCommand::List { selection } => {
             let (history, selection) = selection.open(None)?;
             answered(tables::runs(&history.runs(&selection)?))
         }
-        HistoryCommand::Show { filter, out, selection } => show(&selection.stored(filter)?, &out),
+        HistoryCommand::Show { filter, out, selection } => show(&selection.load(filter)?, &out),
         HistoryCommand::Changes { filter, json, selection } => {
-            let stored = selection.stored(filter)?;
-            let findings = Findings::of(&stored);
+            let stored = selection.load(filter)?;
+            let findings = HistoryChanges::find(&stored);
             answered(match json {
                 true => format!("{:#}", tables::changes_json(&stored, &findings)),
                 false => terminal(&document::changes(&stored, &findings)).trim_end().to_owned(),
@@ -107,13 +107,13 @@ pub fn history(command: HistoryCommand) -> Outcome {
     }
 }
 
-fn answered(answer: String) -> Outcome {
-    tell::answer(answer);
+fn answered(answer: String) -> ExitResult {
+    print::answer(answer);
     Ok(ExitCode::SUCCESS)
 }
 
 /// All folders are read before the first is stored, so that a damaged one is told at once.
-fn add(folders: &[PathBuf], said: Said, location: &Path) -> Outcome {
+fn add(folders: &[PathBuf], said: OriginArgs, location: &Path) -> ExitResult {
     let origin = history::origin(said)?;
     for folder in folders {
         NewRun::read(folder, RECORDS)?;
@@ -126,13 +126,13 @@ fn add(folders: &[PathBuf], said: Said, location: &Path) -> Outcome {
             Added::New => format!("{} cells with {} figures stored", run.cells, run.figures.len()),
             Added::Already => "stored already, nothing changed".to_owned(),
         };
-        tell::done(format!("{name} of {} on {}: {told}", origin.commit, origin.branch));
+        print::status(format!("{name} of {} on {}: {told}", origin.commit, origin.branch));
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn show(stored: &StoredRuns, out: &Path) -> Outcome {
-    let shown = Some(document::on_page(stored, &Findings::of(stored)));
+fn show(stored: &StoredRuns, out: &Path) -> ExitResult {
+    let shown = Some(document::on_page(stored, &HistoryChanges::find(stored)));
     let page = Page { history: shown, ..Page::new(Vec::new()) }.file();
     write_into(out, vec![page])
 }

@@ -5,16 +5,16 @@ use std::process::ExitCode;
 use clap::ValueEnum;
 use serde_json::{Map, Value};
 
-use super::commands::{Outcome, in_json};
+use super::commands::{ExitResult, print_json};
 use super::{ListArgs, Listing};
 use crate::experiments::Experiment;
-use crate::gpu::{Gpu, Listed};
+use crate::gpu::{AdapterEntry, Gpu};
 use crate::harness::catalog::Catalog;
-use crate::harness::figures::Figure;
+use crate::harness::figures::PaperFigure;
 use crate::harness::subject::Subjects;
-use crate::parameter::{self, Allowed, Field};
+use crate::parameter::{self, Allowed, ParamField};
 use crate::scene::SceneFile;
-use crate::{exporters, tell, text};
+use crate::{exporters, print, text};
 
 /// One thing: short values in columns of their own, its description, and where it was published.
 struct Row {
@@ -28,7 +28,7 @@ impl Row {
         Self { columns: columns.into(), about: about.into(), source: None }
     }
 
-    fn of(name: &'static str, value: impl Into<Value>, about: impl Into<String>) -> Self {
+    fn single(name: &'static str, value: impl Into<Value>, about: impl Into<String>) -> Self {
         Self::new([(name, value.into())], about)
     }
 
@@ -56,22 +56,22 @@ impl Row {
     }
 }
 
-pub fn list(catalog: &Catalog, args: &ListArgs) -> Outcome {
+pub fn list(catalog: &Catalog, args: &ListArgs) -> ExitResult {
     use Listing::*;
     check_options(args)?;
     let all = [Experiments, Figures, Scenes, Pipelines, Stages, Adapters, Exporters];
     match (args.what, args.json) {
-        (Some(what), true) => return in_json(&json(rows(catalog, what, args)?)),
+        (Some(what), true) => return print_json(&json(rows(catalog, what, args)?)),
         (Some(what), false) => print(&rows(catalog, what, args)?),
         (None, true) => {
             let listed = all.map(|what| Ok((name(what), json(rows(catalog, what, args)?))));
-            return in_json(&listed.into_iter().collect::<anyhow::Result<Map<_, _>>>()?);
+            return print_json(&listed.into_iter().collect::<anyhow::Result<Map<_, _>>>()?);
         }
         (None, false) => {
             for what in all {
-                tell::answer(format!("{what:?}"));
+                print::answer(format!("{what:?}"));
                 print(&rows(catalog, what, args)?);
-                tell::answer("");
+                print::answer("");
             }
         }
     }
@@ -85,7 +85,7 @@ fn json(rows: Vec<Row>) -> Value {
 fn print(rows: &[Row]) {
     let rows: Vec<Vec<String>> = rows.iter().map(Row::text).collect();
     for row in text::columns(&rows) {
-        tell::answer(text::line(&format!("  {row}")));
+        print::answer(text::line(&format!("  {row}")));
     }
 }
 
@@ -127,18 +127,18 @@ fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec
 fn all_rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
     Ok(match what {
         Listing::Experiments => {
-            let row = |e: &Experiment| Row::of("id", &*e.id, &*e.title).published_in(&e.source);
+            let row = |e: &Experiment| Row::single("id", &*e.id, &*e.title).published_in(&e.source);
             experiments(catalog)?.iter().map(row).collect()
         }
         Listing::Claims => experiments(catalog)?.iter().flat_map(claims).collect(),
         Listing::Figures => {
-            let figures = Figure::all(&catalog.figures)?.into_iter();
-            figures.map(|f| Row::of("id", f.id, f.title).published_in(&f.source)).collect()
+            let figures = PaperFigure::all(&catalog.figures)?.into_iter();
+            figures.map(|f| Row::single("id", f.id, f.title).published_in(&f.source)).collect()
         }
         Listing::Scenes => {
             let row = |name: String| -> anyhow::Result<Row> {
                 let scene = SceneFile::load_from(&catalog.scenes, &name)?;
-                Ok(Row::of("name", name, scene.description))
+                Ok(Row::single("name", name, scene.description))
             };
             catalog.scenes.stems(".toml").map(row).collect::<Result<_, _>>()?
         }
@@ -148,14 +148,14 @@ fn all_rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result
                 None => catalog.stages(),
             };
             let stages = stages.into_iter();
-            stages.map(|s| Row::of("name", s.name, s.about).published_in(s.source)).collect()
+            stages.map(|s| Row::single("name", s.name, s.about).published_in(s.source)).collect()
         }
         Listing::Parameters => parameters(catalog, args)?,
         Listing::Adapters => Gpu::list().into_iter().enumerate().map(adapter).collect(),
         Listing::Exporters => exporters::listing().into_iter().map(exporter).collect(),
         Listing::Pipelines => {
             let kinds = catalog.kinds.iter();
-            kinds.map(|kind| Row::of("name", kind.name, kind.about)).collect()
+            kinds.map(|kind| Row::single("name", kind.name, kind.about)).collect()
         }
     })
 }
@@ -176,8 +176,8 @@ fn claims(experiment: &Experiment) -> impl Iterator<Item = Row> + '_ {
 fn parameters(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
     let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
     let scene = args.scene.as_deref().unwrap_or(super::SCENE);
-    let subject = Subjects::of(catalog).subject(pipeline, scene, &args.set)?;
-    let row = |field: Field| {
+    let subject = Subjects::new(catalog).subject(pipeline, scene, &args.set)?;
+    let row = |field: ParamField| {
         let value = parameter::get(&subject.params, &field.path).cloned();
         let columns = [
             ("value", value.unwrap_or_else(|| "".into())),
@@ -199,7 +199,7 @@ fn allowed(allowed: &Allowed) -> String {
     }
 }
 
-fn adapter((index, Listed { adapter, lacks }): (usize, Listed)) -> Row {
+fn adapter((index, AdapterEntry { adapter, lacks }): (usize, AdapterEntry)) -> Row {
     let kind = if adapter.software { "software" } else { "hardware" };
     let columns = [
         ("index", index.into()),

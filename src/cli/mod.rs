@@ -17,11 +17,11 @@ use std::time::Duration;
 use crate::experiments::{parse_axis, parse_set};
 use crate::gpu;
 use crate::harness::catalog::Catalog;
+use crate::print;
 use crate::process::take_size_limit_as_error;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
 use crate::record::{Feature, Mask, Part, Profile};
-use crate::tell;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
@@ -42,7 +42,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
     match Cli::try_parse() {
         Ok(cli) => {
             if cli.quiet {
-                tell::be_quiet();
+                print::set_quiet();
             }
             exit_status(obey(catalog, cli.command))
         }
@@ -55,7 +55,7 @@ pub fn parse<W: AsRef<str>>(words: &[W]) -> Result<(), clap::Error> {
     Cli::try_parse_from(words.iter().map(AsRef::as_ref)).map(drop)
 }
 
-fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
+fn obey(catalog: &Catalog, command: Command) -> commands::ExitResult {
     match command {
         Command::Run(args) => commands::run(catalog, args),
         Command::Sweep(args) => sweep::sweep(catalog, args),
@@ -78,7 +78,7 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::History { command } => history::history(command),
         Command::Completions { shell } => {
             let binary = catalog.program.binary;
-            clap_complete::generate(shell, &mut Cli::command(), binary, &mut tell::Answer);
+            clap_complete::generate(shell, &mut Cli::command(), binary, &mut print::AnswerWriter);
             Ok(ExitCode::SUCCESS)
         }
         Command::Worker(args) => commands::worker(catalog, args),
@@ -427,9 +427,9 @@ fn not_parsed(error: clap::Error) -> ExitCode {
     | ErrorKind::DisplayVersion
     | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand = error.kind()
     {
-        tell::failed_if(error.print());
+        print::failed_if(error.print());
     } else {
-        tell::note(one_line(&error.render().to_string()));
+        print::note(one_line(&error.render().to_string()));
     }
     match error.exit_code() {
         0 => exit_status(Ok(ExitCode::SUCCESS)),
@@ -460,7 +460,7 @@ pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
         }
         fail(&message)
     });
-    match tell::unanswered() {
+    match print::write_failure() {
         Some(error) if status == ExitCode::SUCCESS => {
             fail(&format!("cannot write to standard output: {error}"))
         }
@@ -470,6 +470,6 @@ pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
 
 /// Prints an error on one line.
 pub fn fail(message: &str) -> ExitCode {
-    tell::error(message);
+    print::error(message);
     ExitCode::from(COULD_NOT_RUN)
 }

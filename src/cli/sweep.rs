@@ -7,12 +7,12 @@ use clap::Args;
 use serde_json::Value;
 
 use super::AdapterArgs;
-use super::commands::{self, Outcome};
+use super::commands::{self, ExitResult};
 use crate::experiments::{parse_axis, parse_set};
 use crate::gpu::Gpu;
 use crate::harness::catalog::Catalog;
 use crate::harness::plan::Request;
-use crate::harness::run::Options;
+use crate::harness::run::RunOptions;
 use crate::harness::sweep::{KNEE_SHARE, SweepRequest};
 use crate::record::{Profile, calendar};
 use crate::{private, quiet};
@@ -55,10 +55,10 @@ pub struct SweepArgs {
     pub adapter: AdapterArgs,
 }
 
-pub fn sweep(catalog: &Catalog, args: SweepArgs) -> Outcome {
+pub fn sweep(catalog: &Catalog, args: SweepArgs) -> ExitResult {
     let start = Instant::now();
     let gpu = commands::gpu_options(catalog, &args.adapter);
-    if Gpu::chosen(&gpu)?.software {
+    if Gpu::choose(&gpu)?.software {
         quiet::begin_again();
     }
     let command = private::command();
@@ -73,7 +73,7 @@ pub fn sweep(catalog: &Catalog, args: SweepArgs) -> Outcome {
     };
     let experiment = request.experiment(catalog)?;
     commands::watch_interrupts()?;
-    let options = Options {
+    let options = RunOptions {
         catalog: catalog.clone(),
         gpu,
         profile: args.profile,
@@ -83,7 +83,7 @@ pub fn sweep(catalog: &Catalog, args: SweepArgs) -> Outcome {
         out: args.out,
         no_ceilings: !args.ceilings,
         command,
-        ..Options::default()
+        ..RunOptions::default()
     };
     commands::measure(&options, start)
 }

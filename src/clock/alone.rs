@@ -4,7 +4,7 @@
 //! there, timestamps of such drivers miss work (see the audit), and what other processes took from its core is not the stage's. On
 //! a hardware adapter it is the audited clock's.
 
-use super::{DeviceError, FrameTimer, MachineReader, StageTime, TimedStage, WatchedDevice, audit};
+use super::{Device, DeviceError, FrameTimer, MachineReader, StageTime, TimedStage, audit};
 use fathom_record::protocol::Reply;
 use fathom_record::{ClockPlan, SubmitCost};
 
@@ -24,7 +24,7 @@ pub struct StageClock {
 impl StageClock {
     /// A clock for stages of at most `max_passes` passes, by the plan that `hello` has.
     pub fn new(
-        gpu: &WatchedDevice,
+        gpu: &Device,
         known: Option<ClockPlan>,
         max_passes: u32,
     ) -> Result<Self, DeviceError> {
@@ -38,7 +38,7 @@ impl StageClock {
     }
 
     /// The plan, after an audit where none was made. It answers `clock`.
-    pub fn plan(&mut self, gpu: &WatchedDevice) -> Result<ClockPlan, DeviceError> {
+    pub fn plan(&mut self, gpu: &Device) -> Result<ClockPlan, DeviceError> {
         if !self.audited {
             self.timer = FrameTimer::new(gpu, audit(gpu)?.plan, self.max_passes)?;
             self.audited = true;
@@ -50,7 +50,7 @@ impl StageClock {
     /// before each, untimed.
     pub fn sample<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         before: &[&S],
         stage: &S,
         frames: u32,
@@ -65,14 +65,14 @@ impl StageClock {
     /// Time of one frame. Readings that cannot be true are taken again.
     fn reading<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         before: &[&S],
         stage: &S,
     ) -> Result<f64, DeviceError> {
         let mut last = String::new();
         for _ in 0..ATTEMPTS {
             if !before.is_empty() {
-                self.timer.untimed(gpu, before)?;
+                self.timer.run_stages(gpu, before)?;
             }
             if gpu.adapter.software {
                 let time = self.timer.on_host(gpu, &[stage])?;
@@ -82,9 +82,9 @@ impl StageClock {
                 }
                 last = format!("{ns} ns");
             } else {
-                let sample = self.timer.timed(gpu, &[stage])?;
+                let sample = self.timer.time_stages(gpu, &[stage])?;
                 match sample.faults.first() {
-                    None => return resolved(&sample.stages[0]),
+                    None => return check_resolved(&sample.stages[0]),
                     Some(fault) => last = fault.to_string(),
                 }
             }
@@ -97,7 +97,7 @@ impl StageClock {
 }
 
 /// The stage's time; an error where it is below what the clock can tell from none, as a ratio of such times says nothing.
-fn resolved(sample: &StageTime) -> Result<f64, DeviceError> {
+fn check_resolved(sample: &StageTime) -> Result<f64, DeviceError> {
     if sample.is_resolved() {
         return Ok(sample.ns);
     }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::frame::{Mode, Recorder};
+use super::frame::{FrameMode, Recorder};
 use super::queries::QueryResults;
-use super::{DeviceError, TimedStage, WatchedDevice};
+use super::{Device, DeviceError, TimedStage};
 
 const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::all();
 /// Names of the counters in the order of their bits, which is that of the results.
@@ -26,21 +26,21 @@ pub struct StageCounters {
 /// Runs one frame of at most `max_passes` compute and render passes and counts the shader invocations
 /// of each stage. `None` where the adapter does not count.
 pub fn count<S: TimedStage + ?Sized>(
-    gpu: &WatchedDevice,
+    gpu: &Device,
     stages: &[&S],
     max_passes: u32,
 ) -> Result<Option<Vec<StageCounters>>, DeviceError> {
     if !gpu.features.contains(wgpu::Features::PIPELINE_STATISTICS_QUERY) || max_passes == 0 {
         return Ok(None);
     }
-    gpu.scoped(|| {
+    gpu.catch(|| {
         let set = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
             label: Some("pipeline statistics"),
             ty: wgpu::QueryType::PipelineStatistics(COUNTED),
             count: max_passes,
         });
         let mut recorder = Recorder::default();
-        recorder.record(gpu, Mode::Counted { set: &set, max_passes }, stages)?;
+        recorder.record(gpu, FrameMode::Counted { set: &set, max_passes }, stages)?;
         recorder.run(gpu)?;
         let count = u64::from(recorder.queries) * NAMES.len() as u64;
         let results = match recorder.queries {

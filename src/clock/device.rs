@@ -14,7 +14,7 @@ const LONGEST_ON_GPU: Duration = Duration::from_secs(60);
 const LONGEST_IN_SOFTWARE: Duration = Duration::from_secs(600);
 
 /// An open device with its queue. Its faults come back as errors from the call that caused them.
-pub struct WatchedDevice {
+pub struct Device {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub adapter: Adapter,
@@ -22,7 +22,7 @@ pub struct WatchedDevice {
     pub limits: wgpu::Limits,
     /// Shaders run without wgpu's bounds and loop checks, those of the audit too.
     pub unchecked: bool,
-    faults: Arc<Mutex<Faults>>,
+    faults: Arc<Mutex<DeviceFaults>>,
     on_fault: Option<OnFault>,
     pub(crate) longest_submission: Duration,
 }
@@ -32,13 +32,13 @@ type OnFault = Box<dyn Fn() + Send + Sync>;
 
 /// What the device reported outside any error scope.
 #[derive(Default)]
-struct Faults {
+struct DeviceFaults {
     uncaptured: Vec<wgpu::Error>,
     lost: Option<String>,
 }
 
 thread_local! {
-    /// Depth of nested [`WatchedDevice::scoped`] calls on this thread: only the outermost one opens error scopes.
+    /// Depth of nested [`Device::catch`] calls on this thread: only the outermost one opens error scopes.
     static SCOPES: Cell<u32> = const { Cell::new(0) };
 }
 
@@ -66,8 +66,8 @@ fn is_software(info: &wgpu::AdapterInfo) -> bool {
         || ["llvmpipe", "lavapipe", "swiftshader", "softpipe"].iter().any(|s| name.contains(s))
 }
 
-impl WatchedDevice {
-    /// A device of this adapter. Its handlers of errors stay as they are: see [`Self::watch`].
+impl Device {
+    /// A device of this adapter. Its handlers of errors stay as they are: see [`Self::with_fault_handler`].
     pub fn new(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let about = describe(adapter);
         let timestamp_period_ns = queue.get_timestamp_period();
@@ -89,14 +89,14 @@ impl WatchedDevice {
     }
 
     /// Why the device is lost, where it is.
-    pub fn lost(&self) -> Option<String> {
+    pub fn loss_reason(&self) -> Option<String> {
         self.faults.lock().unwrap_or_else(PoisonError::into_inner).lost.clone()
     }
 
     /// Takes over the device's handlers: errors outside any scope and the loss of the device come from the next call
     /// instead of panicking. `on_fault` is called when a scope has caught an error.
     #[must_use]
-    pub fn watch(mut self, on_fault: impl Fn() + Send + Sync + 'static) -> Self {
+    pub fn with_fault_handler(mut self, on_fault: impl Fn() + Send + Sync + 'static) -> Self {
         self.on_fault = Some(Box::new(on_fault));
         let sink = Arc::clone(&self.faults);
         self.device.on_uncaptured_error(Arc::new(move |error| {
@@ -113,15 +113,12 @@ impl WatchedDevice {
 
     /// Runs `f` and returns the first error the device raised meanwhile, if it raised one: a refused
     /// call, exhausted memory, an error of the driver, or the loss of the device. May be nested.
-    pub fn scoped<T, E: From<DeviceError>>(
-        &self,
-        f: impl FnOnce() -> Result<T, E>,
-    ) -> Result<T, E> {
+    pub fn catch<T, E: From<DeviceError>>(&self, f: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         self.pending_fault()?;
         if SCOPES.get() > 0 {
             return f();
         }
-        let _depth = Depth::enter();
+        let _depth = ScopeDepth::enter();
         let filters = [
             wgpu::ErrorFilter::Validation,
             wgpu::ErrorFilter::OutOfMemory,
@@ -254,16 +251,16 @@ impl WatchedDevice {
 }
 
 /// Counts the nesting of scopes, also when a panic unwinds through them.
-struct Depth;
+struct ScopeDepth;
 
-impl Depth {
+impl ScopeDepth {
     fn enter() -> Self {
         SCOPES.set(SCOPES.get() + 1);
-        Depth
+        ScopeDepth
     }
 }
 
-impl Drop for Depth {
+impl Drop for ScopeDepth {
     fn drop(&mut self) {
         SCOPES.set(SCOPES.get() - 1);
     }

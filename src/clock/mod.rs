@@ -14,18 +14,18 @@ mod session;
 pub use alone::StageClock;
 pub use audit::{Audit, audit, audit_all, audit_cpu_time, audit_table};
 pub use counters::{StageCounters, count};
-pub use device::{WatchedDevice, describe};
+pub use device::{Device, describe};
 pub use error::{ClockError, DeviceError};
 /// What is measured, as records have it.
 pub use fathom_record as record;
 pub use fathom_record::{ClockPlan, SubmitCost};
 pub use frame::{
-    ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock, HostCost,
-    HostTime, StageScope, StageTime, Targets, TimedStage,
+    ColorTarget, CostMeter, DepthTarget, FrameSample, FrameTimer, HostClock, HostCost, HostTime,
+    RejectedTime, StageScope, StageTime, Targets, TimedStage,
 };
 pub use machine::MachineReader;
 pub use sampling::{
-    FramePair, MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, Stopped,
+    FramePair, MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, StopReason,
     WARM_UP_TOLERANCE, WarmUp, accounting_error, frame_record, sampling_notes, stage_record,
 };
-pub use session::{Frame, FrameClock, Sampling, TimedPass, features};
+pub use session::{Frame, FrameClock, SampleTarget, TimedPass, features};

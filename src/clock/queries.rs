@@ -1,6 +1,6 @@
 //! Results of queries, read back from the GPU.
 
-use crate::{DeviceError, WatchedDevice};
+use crate::{Device, DeviceError};
 
 /// Bytes of a result.
 pub(crate) const RESULT_BYTES: u64 = size_of::<u64>() as u64;
@@ -12,8 +12,7 @@ pub(crate) struct QueryResults {
 }
 
 impl QueryResults {
-    /// Room for so many results.
-    pub(crate) fn new(gpu: &WatchedDevice, label: &str, most: u64) -> Self {
+    pub(crate) fn new(gpu: &Device, label: &str, most: u64) -> Self {
         use wgpu::BufferUsages as Usage;
         let buffer = |usage| gpu.buffer(label, most * RESULT_BYTES, usage);
         Self {
@@ -25,7 +24,7 @@ impl QueryResults {
     /// The first `count` results, which `resolve` puts into the buffer that it is given. In a submission of its own.
     pub(crate) fn read(
         &self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         count: u64,
         resolve: impl FnOnce(&mut wgpu::CommandEncoder, &wgpu::Buffer),
     ) -> Result<Vec<u64>, DeviceError> {

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 use rand::RngExt;
 
-use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
+use super::launch::{Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_driver};
-use super::rounds::{LaunchWorkers, OpenedLaunch, RoleFault, Sampled, WorkerRole, random};
+use super::rounds::{LaunchWorkers, OpenedLaunch, RoleFault, SideSample, WorkerRole, random};
 use fathom_base::quiet::PADDING_BYTES;
 use fathom_gpu::ClockPlan;
 use fathom_record::Adapter;
@@ -36,7 +36,7 @@ pub struct Processes<'a> {
     /// In the order of [`Side::BOTH`](fathom_record::comparison::Side::BOTH).
     builds: [WorkerStart; 2],
     pub sides: [ProbedSide; 2],
-    waiting: Waiting<'a>,
+    waiting: ReplyWait<'a>,
     configurations: BTreeMap<String, GateConfiguration>,
     cores: Vec<usize>,
     seed: u64,
@@ -52,14 +52,14 @@ impl<'a> Processes<'a> {
         builds: [WorkerStart; 2],
         configurations: &[GateConfiguration],
         seed: u64,
-        waiting: Waiting<'a>,
+        waiting: ReplyWait<'a>,
     ) -> Result<Self, RoleFault> {
         let [base, head] = &builds;
-        let of_base = probe(base, &waiting).map_err(of(WorkerRole::Base))?;
+        let of_base = probe(base, &waiting).map_err(role_fault(WorkerRole::Base))?;
         let of_head = if head.environment == base.environment {
             of_base.clone()
         } else {
-            probe(head, &waiting).map_err(of(WorkerRole::Head))?
+            probe(head, &waiting).map_err(role_fault(WorkerRole::Head))?
         };
         let named = configurations.iter().map(|own| (own.id.clone(), own.clone()));
         Ok(Self {
@@ -88,20 +88,20 @@ impl<'a> Processes<'a> {
                 }),
                 ..self.builds[role.side() as usize].clone()
             };
-            self.workers.push((*role, WorkerProcess::start(&start).map_err(of(*role))?));
+            self.workers.push((*role, WorkerProcess::start(&start).map_err(role_fault(*role))?));
         }
         Ok(())
     }
 
-    fn greeted(&mut self) -> Result<Vec<Greeting>, RoleFault> {
+    fn greet(&mut self) -> Result<Vec<Greeting>, RoleFault> {
         let mut greetings = Vec::new();
         for (role, worker) in &mut self.workers {
-            let greeting = worker.greeted(&self.waiting).map_err(of(*role))?;
+            let greeting = worker.greet(&self.waiting).map_err(role_fault(*role))?;
             let known = &self.sides[role.side() as usize].adapter;
             let (own, known) = (with_driver(&greeting.adapter), with_driver(known));
             if own != known {
                 let reason = format!("it runs on {own}, the first {} on {known}", role.side());
-                return Err(of(*role)(WorkerFault::fatal(reason)));
+                return Err(role_fault(*role)(WorkerFault::fatal(reason)));
             }
             greetings.push(greeting);
         }
@@ -131,7 +131,7 @@ impl<'a> Processes<'a> {
                 Ok(other) => worker.unexpected(&other),
                 Err(fault) => fault,
             };
-            if !fault.goes_on() {
+            if !fault.is_alive() {
                 return Err(failed(*role, fault));
             }
             refused = refused.or(Some(failed(*role, fault)));
@@ -166,7 +166,7 @@ impl LaunchWorkers for Processes<'_> {
         control: Option<&CellId>,
     ) -> Result<OpenedLaunch, RoleFault> {
         self.start(launch, &order(launch, control.is_some()))?;
-        let greetings = self.greeted()?;
+        let greetings = self.greet()?;
         let core = self.core(launch);
         let mut opened = OpenedLaunch { refused: Vec::new(), core, notes: self.notes(&greetings) };
         let wanted = cells.iter().chain(control).map(CellId::configuration).sorted().dedup();
@@ -183,7 +183,7 @@ impl LaunchWorkers for Processes<'_> {
         Ok(opened)
     }
 
-    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault> {
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<SideSample, WorkerFault> {
         let of_role = self.workers.iter_mut().find(|(known, _)| *known == role);
         let Some((_, worker)) = of_role else {
             return Err(WorkerFault::fatal("it was not started".to_owned()));
@@ -196,7 +196,7 @@ impl LaunchWorkers for Processes<'_> {
             let frames = (SAMPLE_NS / shortest_ns).ceil().clamp(1.0, MAX_FRAMES);
             self.frames.insert(cell.clone(), frames as u32);
         }
-        Ok(Sampled { ns: shortest_ns, machine })
+        Ok(SideSample { ns: shortest_ns, machine })
     }
 
     fn close(&mut self) {
@@ -206,7 +206,7 @@ impl LaunchWorkers for Processes<'_> {
     }
 }
 
-fn of(role: WorkerRole) -> impl FnOnce(WorkerFault) -> RoleFault {
+fn role_fault(role: WorkerRole) -> impl FnOnce(WorkerFault) -> RoleFault {
     move |fault| RoleFault { role, configuration: None, fault }
 }
 
@@ -232,7 +232,7 @@ fn core(cores: &[usize], turn: usize) -> Option<usize> {
 /// Sides whose audits have chosen different clocks are both timed by the fenced host clock.
 fn with_equal_clocks(mut sides: [ProbedSide; 2]) -> [ProbedSide; 2] {
     if let [Some(base), Some(head)] = sides.each_ref().map(|side| side.clock)
-        && !base.has_clocks_of(&head)
+        && !base.has_same_clocks(&head)
     {
         for side in &mut sides {
             side.clock = side.clock.map(|plan| ClockPlan::fenced(plan.submit_cost));
@@ -241,7 +241,7 @@ fn with_equal_clocks(mut sides: [ProbedSide; 2]) -> [ProbedSide; 2] {
     sides
 }
 
-fn probe(start: &WorkerStart, waiting: &Waiting<'_>) -> Result<ProbedSide, WorkerFault> {
+fn probe(start: &WorkerStart, waiting: &ReplyWait<'_>) -> Result<ProbedSide, WorkerFault> {
     let (mut worker, Greeting { adapter, .. }) = WorkerProcess::open(start, waiting)?;
     let clock = if adapter.software {
         None

@@ -14,23 +14,23 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::build;
-use super::candidates::{Candidate, Made, Maker, Searched};
+use super::candidates::{BuiltCandidate, Candidate, CandidateBuilder, SearchSpace};
 use super::cells::Gates;
 use super::flow::{self, CompareOptions};
-use super::launch::Waiting;
+use super::launch::ReplyWait;
 use super::settings;
 use fathom_base::text;
 use fathom_gpu as gpu;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
-use fathom_judge::bisect::{ENOUGH, Found, Scatter, Search};
+use fathom_judge::bisect::{MIN_CERTAINTY, Scatter, Search, StepEstimate};
 use fathom_judge::counts::{self, Change};
 use fathom_judge::exact::{self, Difference, DifferenceScope, FigureKind};
-use fathom_judge::store::StoredComparison;
+use fathom_judge::store::Comparison;
 use fathom_judge::time::{self, TimeVerdict};
 use fathom_judge::verdict::{Status, Verdicts};
 use fathom_record::comparison::{CellId, Gate, GateSettings};
-use fathom_record::output::{RECORDS, Taken};
+use fathom_record::output::{LockedFolder, RECORDS};
 
 /// Folder of the comparison of the ends.
 const ENDS: &str = "ends";
@@ -42,7 +42,7 @@ pub struct BisectOptions {
     pub catalog: Catalog,
     /// In the repository, if there is one.
     pub folder: PathBuf,
-    pub searched: Searched,
+    pub searched: SearchSpace,
     pub cells_file: Option<PathBuf>,
     /// Only cells whose names contain this.
     pub filter: Option<String>,
@@ -52,7 +52,7 @@ pub struct BisectOptions {
     /// Launches of a candidate each time it is measured.
     pub batch: u32,
     /// Launches between the ends after which the search gives up.
-    pub most_launches: u32,
+    pub max_launches: u32,
     /// Go on with the search in the folder.
     pub resume: bool,
 }
@@ -73,7 +73,7 @@ impl BisectOptions {
             "candidates": names,
             "commands_sha256": commands,
             "batch": self.batch,
-            "options": self.gpu.words(),
+            "options": self.gpu.to_args(),
         });
         Ok(settings::collect(&self.settings, &gates, more))
     }
@@ -81,23 +81,22 @@ impl BisectOptions {
 
 /// What is searched for: the figure of a cell that became worse.
 #[derive(Clone, Debug, PartialEq)]
-struct Regressed {
+struct RegressedCell {
     cell: CellId,
-    figure: Figure,
+    figure: Metric,
     /// ln(bad / good) of each launch.
     launches: Vec<f64>,
 }
 
-/// Which figure it is.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Figure {
+pub enum Metric {
     /// As it differs between the ends.
     Exact(Difference),
     Instructions,
     Time,
 }
 
-impl Figure {
+impl Metric {
     pub fn gate(&self) -> Gate {
         match self {
             Self::Exact(_) => Gate::Exact,
@@ -115,25 +114,24 @@ impl Figure {
     }
 }
 
-/// What a search came to.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bisected {
+pub struct BisectSummary {
     /// The good one is not among them.
     pub candidates: Vec<Candidate>,
     pub noun: &'static str,
     pub good: String,
     /// None where the ends do not differ.
-    pub answer: Option<Answer>,
+    pub answer: Option<BisectResult>,
     /// How the comparison of the ends ended.
     pub ends: Status,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
+pub struct BisectResult {
     pub cell: CellId,
     /// An exact one: as it differs from the good candidate in the first one that has it, where that was measured; else in the bad one.
-    pub figure: Figure,
-    pub found: Found,
+    pub figure: Metric,
+    pub estimate: StepEstimate,
     /// Other cells that regressed between the ends.
     pub others: Vec<CellId>,
     /// Candidates without a figure, by number, and why.
@@ -141,13 +139,13 @@ pub struct Answer {
     pub launches: usize,
 }
 
-impl Answer {
+impl BisectResult {
     pub fn is_certain(&self) -> bool {
-        self.found.probability >= ENOUGH
+        self.estimate.probability >= MIN_CERTAINTY
     }
 }
 
-impl Bisected {
+impl BisectSummary {
     /// As text, the answer first.
     pub fn text(&self) -> String {
         let Some(answer) = &self.answer else {
@@ -166,7 +164,7 @@ impl Bisected {
             let Candidate { label, subject, .. } = &self.candidates[number - 1];
             format!("{label} {subject}").trim_end().to_owned()
         };
-        let Found { first, probability, candidates, step, interval } = &answer.found;
+        let StepEstimate { first, probability, candidates, step, interval } = &answer.estimate;
         let mut lines = vec![if answer.is_certain() {
             format!("first {}: {} (probability {probability:.3})", self.noun, named(*first))
         } else {
@@ -179,7 +177,7 @@ impl Bisected {
         let percent = |log: f64| 100.0 * log.exp_m1();
         let [change, low, high] = [*step, interval.low, interval.high].map(percent);
         let change = match &answer.figure {
-            Figure::Exact(Difference { figure, base, head, .. }) => {
+            Metric::Exact(Difference { figure, base, head, .. }) => {
                 format!("{figure} {base} → {head}")
             }
             other => format!("{} {change:+.2} % (95 % {low:+.2} to {high:+.2})", other.gate()),
@@ -200,7 +198,7 @@ impl Bisected {
     pub fn json(&self) -> Value {
         let named = |number: usize| &self.candidates[number - 1].name;
         let answer = self.answer.as_ref().map(|answer| {
-            let Found { first, probability, candidates, step, interval } = &answer.found;
+            let StepEstimate { first, probability, candidates, step, interval } = &answer.estimate;
             let candidates = candidates.iter();
             let mut told = json!({
                 "first": named(*first),
@@ -214,7 +212,7 @@ impl Bisected {
                 "skipped": answer.skipped.iter().map(|(n, why)| json!({"name": named(*n), "reason": why})).collect::<Vec<_>>(),
             });
             let change = match &answer.figure {
-                Figure::Exact(Difference { figure, base, head, .. }) => {
+                Metric::Exact(Difference { figure, base, head, .. }) => {
                     json!({ "figure": figure, "base": base, "head": head })
                 }
                 _ => json!({
@@ -241,10 +239,10 @@ impl Bisected {
 /// Searches; a folder of an earlier search of the same ends is gone on with.
 pub fn bisect(
     options: &BisectOptions,
-    out: &Taken,
+    out: &LockedFolder,
     interrupted: &AtomicBool,
-    tell: &dyn Fn(&str),
-) -> Result<Bisected> {
+    report: &dyn Fn(&str),
+) -> Result<BisectSummary> {
     let BisectOptions { searched, folder, gpu, .. } = options;
     let out = out.folder();
     let mut candidates = searched.candidates(folder)?;
@@ -260,17 +258,17 @@ pub fn bisect(
     }
     let good = candidates.remove(0);
     let flags = [interrupted];
-    let waiting = Waiting { interrupted: &flags, tell };
+    let waiting = ReplyWait { interrupted: &flags, report };
     let (target, checkouts) = (options.catalog.program, out.join(CHECKOUTS));
-    build::remove_left(folder, &checkouts, "");
+    build::remove_stale(folder, &checkouts, "");
     let (gpu, built) = (gpu.clone(), RefCell::default());
-    let maker = Maker { searched, folder, target, gpu, checkouts, waiting, built };
+    let maker = CandidateBuilder { searched, folder, target, gpu, checkouts, waiting, built };
     let base = maker.make(&good)?;
     let run = Bisection { options, out, candidates: &candidates, base, good, maker, waiting };
     let (ends, regressed, others) = run.ends()?;
     let answer = regressed.map(|regressed| run.search(regressed, others)).transpose()?;
     let (good, noun) = (run.good.label.clone(), searched.noun());
-    Ok(Bisected { good, noun, answer, ends, candidates })
+    Ok(BisectSummary { good, noun, answer, ends, candidates })
 }
 
 struct Bisection<'a> {
@@ -279,25 +277,25 @@ struct Bisection<'a> {
     /// Without the good one.
     candidates: &'a [Candidate],
     good: Candidate,
-    base: Made,
-    maker: Maker<'a>,
-    waiting: Waiting<'a>,
+    base: BuiltCandidate,
+    maker: CandidateBuilder<'a>,
+    waiting: ReplyWait<'a>,
 }
 
 impl Bisection<'_> {
     /// A comparison of a candidate with the good one, from its folder if it is there.
-    fn compared(
+    fn compare(
         &self,
         name: &str,
         candidate: &Candidate,
         filter: Option<String>,
         settings: GateSettings,
-    ) -> Result<StoredComparison> {
+    ) -> Result<Comparison> {
         let folder = self.out.join(name);
         let begun = fathom_base::folder::is_there(&folder.join(RECORDS));
         if begun {
-            let stored = StoredComparison::read(&folder)?;
-            if stored.came_to_its_end() {
+            let stored = Comparison::read(&folder)?;
+            if stored.is_complete() {
                 return Ok(stored);
             }
         }
@@ -313,25 +311,25 @@ impl Bisection<'_> {
             checkout: None,
         };
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        let taken = flow::taken(Some(&folder), "", begun)?;
-        flow::measure(&options, taken, interrupted, self.waiting.tell)?;
+        let taken = flow::lock_output(Some(&folder), "", begun)?;
+        flow::measure(&options, taken, interrupted, self.waiting.report)?;
         if self.waiting.is_interrupted() {
             bail!("interrupted; `--resume` goes on");
         }
-        StoredComparison::read(&folder)
+        Comparison::read(&folder)
     }
 
     /// What regressed most between the ends, if anything did, and what else.
-    fn ends(&self) -> Result<(Status, Option<Regressed>, Vec<CellId>)> {
+    fn ends(&self) -> Result<(Status, Option<RegressedCell>, Vec<CellId>)> {
         let bad = self.candidates.last().context("there are no candidates")?;
         let filter = self.options.filter.clone();
-        let stored = self.compared(ENDS, bad, filter, self.options.settings.clone())?;
-        let verdicts = Verdicts::of(&stored);
+        let stored = self.compare(ENDS, bad, filter, self.options.settings.clone())?;
+        let verdicts = Verdicts::judge(&stored);
         let (mut status, mut regressed) = (verdicts.status, regressed(&verdicts));
         if regressed.is_empty() && status == Status::Inconclusive {
             (status, regressed) = self.open_ends(bad, &verdicts)?;
         }
-        let size = |of: &Regressed| fathom_base::statistics::median(&of.launches);
+        let size = |of: &RegressedCell| fathom_base::statistics::median(&of.launches);
         // Figures without noise are searched for first.
         regressed.sort_by(|a, b| {
             let gates = a.figure.gate().cmp(&b.figure.gate());
@@ -351,7 +349,7 @@ impl Bisection<'_> {
         &self,
         bad: &Candidate,
         verdicts: &Verdicts<'_>,
-    ) -> Result<(Status, Vec<Regressed>)> {
+    ) -> Result<(Status, Vec<RegressedCell>)> {
         let settings = &self.options.settings;
         let of_cells = verdicts.cells.iter().filter(|cell| cell.may_be_slower(settings.threshold));
         let mut open: Vec<_> = of_cells.filter_map(|cell| cell.time.as_ref()).collect();
@@ -359,11 +357,11 @@ impl Bisection<'_> {
         let alpha = settings.alpha / open.len().max(1) as f64;
         let mut worst = Status::NoRegression;
         for cell in open.iter().map(|time| &time.cell) {
-            (self.waiting.tell)(&format!("open between the ends: {cell}, measured alone"));
+            (self.waiting.report)(&format!("open between the ends: {cell}, measured alone"));
             let settings = GateSettings { gates: vec![Gate::Time], alpha, ..settings.clone() };
             let name = format!("{ENDS}-{}", text::file_stem(cell.as_str()));
-            let stored = self.compared(&name, bad, Some(cell.to_string()), settings)?;
-            let verdicts = Verdicts::of(&stored);
+            let stored = self.compare(&name, bad, Some(cell.to_string()), settings)?;
+            let verdicts = Verdicts::judge(&stored);
             let found = regressed(&verdicts);
             if !found.is_empty() {
                 return Ok((verdicts.status, found));
@@ -375,9 +373,9 @@ impl Bisection<'_> {
         Ok((worst, Vec::new()))
     }
 
-    fn search(&self, of: Regressed, others: Vec<CellId>) -> Result<Answer> {
-        let Regressed { cell, mut figure, launches } = of;
-        let batch = if figure == Figure::Time { self.options.batch } else { 1 };
+    fn search(&self, of: RegressedCell, others: Vec<CellId>) -> Result<BisectResult> {
+        let RegressedCell { cell, mut figure, launches } = of;
+        let batch = if figure == Metric::Time { self.options.batch } else { 1 };
         let mut search = Search::new(self.candidates.len(), figure.scatter());
         let is_exact = figure.gate() == Gate::Exact;
         let ends = if is_exact { vec![WORSE] } else { launches };
@@ -386,7 +384,7 @@ impl Bisection<'_> {
         let mut visits = vec![0u64; self.candidates.len() + 1];
         let mut differences = BTreeMap::new();
         while let Some(number) = search.next(batch as usize) {
-            if search.launches() - ends.len() >= self.options.most_launches as usize {
+            if search.launches() - ends.len() >= self.options.max_launches as usize {
                 break;
             }
             visits[number] += 1;
@@ -396,25 +394,25 @@ impl Bisection<'_> {
                 bail!("interrupted; `--resume` goes on");
             }
             match measured {
-                Ok(Measured { launches, difference }) => {
+                Ok(Evidence { launches, difference }) => {
                     search.add(number, &launches);
                     differences.extend(difference.map(|difference| (number, difference)));
                 }
                 Err(error) => {
-                    (self.waiting.tell)(&format!("skipping {}: {error}", candidate.label));
+                    (self.waiting.report)(&format!("skipping {}: {error}", candidate.label));
                     search.skip(number);
                     skipped.push((number, error.to_string()));
                 }
             }
-            let Found { first, probability, .. } = search.found();
+            let StepEstimate { first, probability, .. } = search.estimate();
             let named = &self.candidates[first - 1].label;
-            (self.waiting.tell)(&format!("most probable: {named} ({probability:.2})"));
+            (self.waiting.report)(&format!("most probable: {named} ({probability:.2})"));
         }
-        let (found, launches) = (search.found(), search.launches());
-        if let Some(difference) = differences.remove(&found.first) {
-            figure = Figure::Exact(difference);
+        let (estimate, launches) = (search.estimate(), search.launches());
+        if let Some(difference) = differences.remove(&estimate.first) {
+            figure = Metric::Exact(difference);
         }
-        Ok(Answer { cell, figure, found, others, skipped, launches })
+        Ok(BisectResult { cell, figure, estimate, others, skipped, launches })
     }
 
     /// Measures a candidate once more.
@@ -423,8 +421,8 @@ impl Bisection<'_> {
         number: usize,
         visit: u64,
         batch: u32,
-        (cell, figure): (&CellId, &Figure),
-    ) -> Result<Measured> {
+        (cell, figure): (&CellId, &Metric),
+    ) -> Result<Evidence> {
         let candidate = &self.candidates[number - 1];
         let label = text::file_stem(&candidate.label);
         let settings = GateSettings {
@@ -435,17 +433,17 @@ impl Bisection<'_> {
             ..self.options.settings.clone()
         };
         let name = format!("{number}-{label}-{visit}");
-        let stored = self.compared(&name, candidate, Some(cell.to_string()), settings)?;
-        measured(&stored, cell, figure)
+        let stored = self.compare(&name, candidate, Some(cell.to_string()), settings)?;
+        read_result(&stored, cell, figure)
     }
 }
 
 /// Each figure that is worse at the bad end.
-fn regressed(verdicts: &Verdicts<'_>) -> Vec<Regressed> {
-    let exact = |cell: &CellId, difference: &Difference| Regressed {
+fn regressed(verdicts: &Verdicts<'_>) -> Vec<RegressedCell> {
+    let exact = |cell: &CellId, difference: &Difference| RegressedCell {
         cell: cell.clone(),
         launches: vec![(difference.head.abs() / difference.base.abs()).ln()],
-        figure: Figure::Exact(difference.clone()),
+        figure: Metric::Exact(difference.clone()),
     };
     let mut found = Vec::new();
     for judged in &verdicts.cells {
@@ -454,11 +452,15 @@ fn regressed(verdicts: &Verdicts<'_>) -> Vec<Regressed> {
         found.extend(worse.map(|difference| exact(cell, difference)));
         if let Some(more) = judged.instructions.as_ref().filter(|i| i.change == Change::More) {
             let launches = vec![more.ratio.ln()];
-            found.push(Regressed { cell: cell.clone(), figure: Figure::Instructions, launches });
+            found.push(RegressedCell {
+                cell: cell.clone(),
+                figure: Metric::Instructions,
+                launches,
+            });
         }
         if let Some(slower) = judged.time.as_ref().filter(|t| t.verdict == TimeVerdict::Slower) {
             let launches = slower.launches.clone();
-            found.push(Regressed { cell: cell.clone(), figure: Figure::Time, launches });
+            found.push(RegressedCell { cell: cell.clone(), figure: Metric::Time, launches });
         }
     }
     for difference in verdicts.configurations.iter().filter(|difference| difference.worse) {
@@ -475,37 +477,36 @@ fn regressed(verdicts: &Verdicts<'_>) -> Vec<Regressed> {
 /// The figure of [`Search`] where an exact figure is worse; 0 where it is not.
 const WORSE: f64 = 1.0;
 
-/// What a comparison of a candidate says.
-struct Measured {
+struct Evidence {
     /// ln(candidate / good) of each launch.
     launches: Vec<f64>,
     /// Of an exact figure, if it is worse.
     difference: Option<Difference>,
 }
 
-fn measured(stored: &StoredComparison, cell: &CellId, figure: &Figure) -> Result<Measured> {
+fn read_result(stored: &Comparison, cell: &CellId, figure: &Metric) -> Result<Evidence> {
     let none = || {
         let fault = stored.faults.first().map(|fault| fault.reason.clone());
         anyhow!(fault.unwrap_or_else(|| format!("{cell} was not measured")))
     };
-    if let Figure::Exact(wanted) = figure {
+    if let Metric::Exact(wanted) = figure {
         let is_whole = stored.has_exact(cell) && stored.faults.is_empty();
         ensure!(is_whole && exact::missing(stored).is_empty(), none());
         let difference = exact::judge(stored);
         let difference = difference.into_iter().find(|own| own.worse && is_same(own, wanted));
         let launches = vec![if difference.is_some() { WORSE } else { 0.0 }];
-        return Ok(Measured { launches, difference });
+        return Ok(Evidence { launches, difference });
     }
-    let judged = AdapterRelation::in_header(&stored.header).is_judged();
+    let judged = AdapterRelation::from_header(&stored.header).is_judged();
     ensure!(judged, "its adapter is another than the good one's, so its times are not judged");
-    let launches = if *figure == Figure::Instructions {
+    let launches = if *figure == Metric::Instructions {
         vec![counts::judge(stored).get(cell).ok_or_else(none)?.ratio.ln()]
     } else {
         let cells = std::slice::from_ref(cell);
         let judged = time::judge(cells, &stored.pairs, &stored.header.settings).cells;
         judged.into_iter().next().map(|cell| cell.launches).ok_or_else(none)?
     };
-    Ok(Measured { launches, difference: None })
+    Ok(Evidence { launches, difference: None })
 }
 
 /// One figure of one configuration or stage. An error may be charged to another stage of the configuration where others moved with it.

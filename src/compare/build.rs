@@ -14,14 +14,14 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
-use fathom_base::folder::Folder;
+use fathom_base::folder::Dir;
 use fathom_base::input;
 use fathom_base::process::{self, Limits, ProcessError, git};
 use fathom_harness::catalog::CargoTarget;
 use fathom_record::{Build, FolderLock, LockError};
 
 /// Built revisions that are kept: a search of hundreds of candidates visits fewer.
-const KEPT: usize = 32;
+const MAX_CACHED: usize = 32;
 /// Beginning of the names of checkouts in the cache.
 const WORKTREE: &str = "worktree-";
 /// Between two looks whether another process still builds.
@@ -68,14 +68,14 @@ pub fn revision(
     let _lock = lock(&cache, interrupted, progress)?;
     // Another process may have built it meanwhile.
     if !program.is_file() {
-        remove_left(&repository, &cache, WORKTREE);
+        remove_stale(&repository, &cache, WORKTREE);
         let worktree = Worktree::in_cache(&repository, &cache, &commit)?;
         let prefix = git(folder, &["rev-parse", "--show-prefix"]).map_err(Error::msg)?;
         let source = worktree.path.join(prefix);
         let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
         let folders = (source, &*cache.join("target"));
         let built = compile(folders, target, revision, &[], interrupted, progress)?;
-        keep(&built, &program)?;
+        store_program(&built, &program)?;
         forget_old(&cache.join("builds"), &kept);
     }
     Ok(program)
@@ -105,7 +105,7 @@ fn cargo() -> Command {
 /// What the compiler used in a folder says of itself.
 fn compiler(folder: &Path) -> Result<String> {
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    process::printed(Command::new(rustc).arg("-vV").current_dir(folder))
+    process::run_for_stdout(Command::new(rustc).arg("-vV").current_dir(folder))
         .map_err(|reason| anyhow!("`rustc -vV` failed: {reason}"))
 }
 
@@ -136,7 +136,7 @@ fn build_fingerprint(
     hex::encode(Sha256::digest(all))[..FINGERPRINT_DIGITS].to_owned()
 }
 
-/// What `git` says of the checkout around a folder, as [`fathom_harness::catalog::Catalog::built_of`] takes it: its commit, and
+/// What `git` says of the checkout around a folder, as [`fathom_harness::catalog::Catalog::with_revision`] takes it: its commit, and
 /// whether files differ.
 pub fn checkout(folder: &Path) -> Option<Build> {
     let arguments = ["describe", "--always", "--dirty=-dirty", "--abbrev=40", "--exclude=*"];
@@ -169,7 +169,7 @@ pub fn shallow_hint(repository: &Path) -> &'static str {
 }
 
 /// Removes the checkouts that a killed process has left in a folder, which is locked: those whose names begin so.
-pub fn remove_left(repository: &Path, folder: &Path, beginning: &str) {
+pub fn remove_stale(repository: &Path, folder: &Path, beginning: &str) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         if entry.file_name().to_string_lossy().starts_with(beginning) {
             drop(Worktree { repository: repository.to_owned(), path: entry.path() });
@@ -270,13 +270,13 @@ fn executable(messages: &str, binary: &str) -> Option<PathBuf> {
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
-pub fn keep(built: &Path, program: &Path) -> Result<()> {
+pub fn store_program(built: &Path, program: &Path) -> Result<()> {
     let io = |action, path: &Path| {
         let cannot = format!("cannot {action} {}", path.display());
         move |error: std::io::Error| anyhow!("{cannot}: {error}")
     };
     let folder = program.parent().unwrap_or(Path::new("."));
-    let folder = Folder::make(folder).map_err(io("create", folder))?;
+    let folder = Dir::make(folder).map_err(io("create", folder))?;
     let mut source = input::open(built).map_err(io("copy", built))?;
     let name = program.file_name().unwrap_or_default();
     let copied = folder.write_with(name, |file| {
@@ -287,7 +287,7 @@ pub fn keep(built: &Path, program: &Path) -> Result<()> {
 }
 
 /// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.
-pub struct SetAside {
+pub struct ProgramCopy {
     /// Held for its removal.
     _folder: TempDir,
     /// The copy.
@@ -295,18 +295,18 @@ pub struct SetAside {
 }
 
 /// Copies a program out of reach of the build tool.
-pub fn set_aside(program: &Path) -> Result<SetAside> {
+pub fn set_aside(program: &Path) -> Result<ProgramCopy> {
     let folder = tempfile::Builder::new().prefix("fathom-compare-").tempdir();
     let folder = folder.map_err(|error| {
         anyhow!("cannot make a folder in {}: {error}", std::env::temp_dir().display())
     })?;
     let name = program.file_name().unwrap_or(OsStr::new("program"));
     let path = folder.path().join(name);
-    keep(program, &path)?;
-    Ok(SetAside { _folder: folder, path })
+    store_program(program, &path)?;
+    Ok(ProgramCopy { _folder: folder, path })
 }
 
-/// Removes the oldest builds but `newest`, so that [`KEPT`] are left. What cannot be removed stays.
+/// Removes the oldest builds but `newest`, so that [`MAX_CACHED`] are left. What cannot be removed stays.
 fn forget_old(builds: &Path, newest: &Path) {
     let Ok(entries) = std::fs::read_dir(builds) else {
         return;
@@ -317,7 +317,7 @@ fn forget_old(builds: &Path, newest: &Path) {
     };
     let others = entries.flatten().map(|entry| entry.path());
     let others = others.filter(|path| path.to_str().is_some() && path != newest);
-    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(KEPT - 1) {
+    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(MAX_CACHED - 1) {
         let _ = std::fs::remove_dir_all(path);
     }
 }
@@ -334,13 +334,13 @@ mod tests {
     const TARGET: CargoTarget = CargoTarget { package: "mine", binary: "my-bench" };
 
     /// A repository with a crate of two commits: the first builds, the second, HEAD, does not. The crate lies in a folder of it.
-    struct Repository {
+    struct TestRepository {
         folder: tempfile::TempDir,
         /// Of the crate.
         path: PathBuf,
     }
 
-    impl Repository {
+    impl TestRepository {
         fn new() -> Self {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("crates/mine");
@@ -396,7 +396,7 @@ mod tests {
 
     #[test]
     fn a_revision_is_built_once_and_leaves_no_worktree() {
-        let repository = Repository::new();
+        let repository = TestRepository::new();
         let (built, lines) = repository.build("HEAD~1");
         let built = built.unwrap();
         assert!(lines > 0, "cargo's progress is passed on");
@@ -452,7 +452,7 @@ mod tests {
     /// A target that is configured moves what cargo builds: what an earlier build has left is not taken for it.
     #[test]
     fn a_build_for_a_configured_target_is_not_the_one_before() {
-        let repository = Repository::new();
+        let repository = TestRepository::new();
         repository.build("HEAD~1").0.unwrap();
         repository.write("src/main.rs", "fn main() { println!(\"third\"); }\n");
         repository.commit();
@@ -488,7 +488,7 @@ mod tests {
 
     #[test]
     fn a_revision_that_does_not_build_shows_the_compilers_last_lines() {
-        let repository = Repository::new();
+        let repository = TestRepository::new();
         let message = repository.build("HEAD").0.unwrap_err().to_string();
         assert!(message.contains("revision `HEAD` does not build"), "{message}");
         assert!(message.contains("cannot find function `second`"), "{message}");
@@ -498,12 +498,12 @@ mod tests {
     #[test]
     fn only_the_newest_builds_are_kept() {
         let folder = tempfile::tempdir().unwrap();
-        for n in 0..KEPT + 3 {
+        for n in 0..MAX_CACHED + 3 {
             std::fs::create_dir(folder.path().join(n.to_string())).unwrap();
         }
         let newest = folder.path().join("0");
         forget_old(folder.path(), &newest);
         assert!(newest.exists());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), KEPT);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), MAX_CACHED);
     }
 }

@@ -9,9 +9,9 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use itertools::Itertools;
 use serde::Serialize;
 
-use super::build::{self, SetAside, Worktree};
+use super::build::{self, ProgramCopy, Worktree};
 use super::flow::Program;
-use super::launch::{Waiting, WorkerStart};
+use super::launch::{ReplyWait, WorkerStart};
 use fathom_base::process::{self, Limits, ProcessError};
 use fathom_base::{input, private, text};
 use fathom_gpu as gpu;
@@ -26,23 +26,22 @@ const CHECKOUTS: usize = 8;
 
 /// What is searched among, the good one first.
 #[derive(Clone, Debug)]
-pub enum Searched {
+pub enum SearchSpace {
     Revisions {
         good: String,
         bad: String,
-        by: Building,
+        by: BuildMethod,
     },
     /// What each line of a file names, by commands that find it in `$CANDIDATE`.
     Lines {
         list: PathBuf,
-        by: Building,
+        by: BuildMethod,
     },
 }
 
-/// How a candidate becomes a worker.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Building {
+pub enum BuildMethod {
     Cargo,
     /// Commands of the shell, a revision's in its checkout: one builds, and one starts a worker.
     Commands {
@@ -62,13 +61,13 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    fn of_commit(commit: &str, subject: &str) -> Self {
+    fn from_commit(commit: &str, subject: &str) -> Self {
         let label = commit.get(..SHORT).unwrap_or(commit).to_owned();
         Self { name: commit.to_owned(), label, subject: subject.to_owned() }
     }
 }
 
-impl Searched {
+impl SearchSpace {
     /// All candidates in their order. The first is the good one.
     pub fn candidates(&self, folder: &Path) -> Result<Vec<Candidate>> {
         let found = match self {
@@ -90,7 +89,7 @@ impl Searched {
         }
     }
 
-    pub fn building(&self) -> &Building {
+    pub fn building(&self) -> &BuildMethod {
         let (Self::Revisions { by, .. } | Self::Lines { by, .. }) = self;
         by
     }
@@ -115,9 +114,9 @@ fn revisions(folder: &Path, good: &str, bad: &str) -> Result<Vec<Candidate>> {
     }
     let later = lines.lines().map(|line| {
         let (commit, subject) = line.split_once(' ').unwrap_or((line, ""));
-        Candidate::of_commit(commit, subject)
+        Candidate::from_commit(commit, subject)
     });
-    Ok(std::iter::once(Candidate::of_commit(&good, "")).chain(later).collect())
+    Ok(std::iter::once(Candidate::from_commit(&good, "")).chain(later).collect())
 }
 
 /// What a file lists, one a line.
@@ -125,62 +124,61 @@ fn lines(list: &Path) -> Result<Vec<Candidate>> {
     let text = input::text(list, input::MAX_TEXT).with_context(|| list.display().to_string())?;
     let lines = text.lines().map(str::trim);
     let named = lines.filter(|line| !line.is_empty() && !line.starts_with('#')).map(|line| {
-        let label = private::words(line);
+        let label = private::redact(line);
         Candidate { name: line.to_owned(), label, subject: String::new() }
     });
     Ok(named.collect())
 }
 
 /// A candidate's program, which is there as long as this is.
-pub struct Made {
+pub struct BuiltCandidate {
     pub program: Program,
-    _aside: Option<SetAside>,
+    _aside: Option<ProgramCopy>,
     _checkout: Option<Rc<Worktree>>,
 }
 
-/// Makes programs of candidates.
-pub struct Maker<'a> {
-    pub searched: &'a Searched,
+pub struct CandidateBuilder<'a> {
+    pub searched: &'a SearchSpace,
     pub folder: &'a Path,
     pub target: CargoTarget,
     pub gpu: gpu::Options,
     /// Folder of the checkouts of a search by commands.
     pub checkouts: PathBuf,
-    pub waiting: Waiting<'a>,
+    pub waiting: ReplyWait<'a>,
     /// Built checkouts by commit, the latest used last.
     pub built: RefCell<Vec<(String, Rc<Worktree>)>>,
 }
 
-impl Maker<'_> {
-    pub fn make(&self, candidate: &Candidate) -> Result<Made> {
+impl CandidateBuilder<'_> {
+    pub fn make(&self, candidate: &Candidate) -> Result<BuiltCandidate> {
         match self.searched {
-            Searched::Revisions { by: Building::Commands { build, run }, .. } => {
+            SearchSpace::Revisions { by: BuildMethod::Commands { build, run }, .. } => {
                 let checkout = self.checkout(candidate, build)?;
                 let path = text::shell(&checkout.path.display().to_string());
-                let made = of_command(candidate, &format!("cd {path} || exit 1\n{run}"));
-                Ok(Made { _checkout: Some(checkout), ..made })
+                let made = from_command(candidate, &format!("cd {path} || exit 1\n{run}"));
+                Ok(BuiltCandidate { _checkout: Some(checkout), ..made })
             }
-            Searched::Lines { by: Building::Commands { build, run }, .. } => {
-                (self.waiting.tell)(&format!("building {}", candidate.label));
+            SearchSpace::Lines { by: BuildMethod::Commands { build, run }, .. } => {
+                (self.waiting.report)(&format!("building {}", candidate.label));
                 self.shell(candidate, build, self.folder)?;
-                Ok(of_command(candidate, run))
+                Ok(from_command(candidate, run))
             }
-            Searched::Revisions { .. } => self.compiled(candidate),
-            Searched::Lines { .. } => bail!("candidates of a file need a command (--cmd)"),
+            SearchSpace::Revisions { .. } => self.compiled(candidate),
+            SearchSpace::Lines { .. } => bail!("candidates of a file need a command (--cmd)"),
         }
     }
 
     /// cargo's build, out of reach of later ones.
-    fn compiled(&self, candidate: &Candidate) -> Result<Made> {
-        (self.waiting.tell)(&format!("building {}", candidate.label));
+    fn compiled(&self, candidate: &Candidate) -> Result<BuiltCandidate> {
+        (self.waiting.report)(&format!("building {}", candidate.label));
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        let mut tell = |line: &str| (self.waiting.tell)(line);
+        let mut tell = |line: &str| (self.waiting.report)(line);
         let built =
             build::revision(self.folder, self.target, &candidate.name, interrupted, &mut tell)?;
         let aside = build::set_aside(&built)?;
         let start = WorkerStart { gpu: self.gpu.clone(), ..WorkerStart::new(&aside.path) };
         let program = Program { label: candidate.label.clone(), start };
-        Ok(Made { program, _aside: Some(aside), _checkout: None })
+        Ok(BuiltCandidate { program, _aside: Some(aside), _checkout: None })
     }
 
     fn checkout(&self, candidate: &Candidate, command: &str) -> Result<Rc<Worktree>> {
@@ -189,7 +187,7 @@ impl Maker<'_> {
             let used = built.remove(at);
             built.push(used);
         } else {
-            (self.waiting.tell)(&format!("building {}", candidate.label));
+            (self.waiting.report)(&format!("building {}", candidate.label));
             let path = std::path::absolute(self.checkouts.join(&candidate.label))?;
             let repository = build::repository(self.folder)?;
             let checkout = Worktree::add(&repository, path, &candidate.name)?;
@@ -210,7 +208,7 @@ impl Maker<'_> {
         let mut shell = Command::new("sh");
         shell.args(["-c", &format!("exec >&2\n{command}")]).current_dir(folder);
         shell.env(CANDIDATE, &candidate.name);
-        match process::run(&mut shell, limits, &mut |line| (self.waiting.tell)(line)) {
+        match process::run(&mut shell, limits, &mut |line| (self.waiting.report)(line)) {
             Ok(_) => Ok(()),
             Err(ProcessError::Interrupted) => bail!("building was interrupted"),
             Err(error) => {
@@ -221,12 +219,11 @@ impl Maker<'_> {
     }
 }
 
-/// A worker that a command starts.
-fn of_command(candidate: &Candidate, run: &str) -> Made {
+fn from_command(candidate: &Candidate, run: &str) -> BuiltCandidate {
     let name = text::shell(&candidate.name);
-    let start = WorkerStart::of_command(&format!("export {CANDIDATE}={name}\n{run}"));
+    let start = WorkerStart::from_command(&format!("export {CANDIDATE}={name}\n{run}"));
     let program = Program { label: candidate.label.clone(), start };
-    Made { program, _aside: None, _checkout: None }
+    BuiltCandidate { program, _aside: None, _checkout: None }
 }
 
 #[cfg(test)]
@@ -237,7 +234,7 @@ mod tests {
     fn a_list_has_a_candidate_on_each_line() {
         let folder = tempfile::tempdir().unwrap();
         let list = folder.path().join("list.txt");
-        let searched = Searched::Lines { list: list.clone(), by: Building::Cargo };
+        let searched = SearchSpace::Lines { list: list.clone(), by: BuildMethod::Cargo };
         std::fs::write(&list, "# Mesa\na b\n\n/b/icd.json\n").unwrap();
         let found = searched.candidates(folder.path()).unwrap();
         let names: Vec<&str> = found.iter().map(|candidate| &*candidate.name).collect();

@@ -24,14 +24,14 @@ pub struct Gates {
 impl Gates {
     /// Those of an experiment's file, or else those of a catalogue: their name and text.
     pub fn load(path: Option<&Path>, catalogued: (&str, &str)) -> Result<Self> {
-        Self::of(&match path {
+        Self::from_experiment(&match path {
             None => Experiment::parse(catalogued.0, catalogued.1)?,
             Some(path) => Experiment::read(path)?,
         })
     }
 
-    fn of(experiment: &Experiment) -> Result<Self> {
-        let invalid = |fault: String| ExperimentError::of(&experiment.id, &fault);
+    fn from_experiment(experiment: &Experiment) -> Result<Self> {
+        let invalid = |fault: String| ExperimentError::new(&experiment.id, &fault);
         let plans = experiment.cells(PROFILE, &[], &[])?;
         let configurations: Vec<_> =
             plans.into_iter().map(|plan| with_all_encoded(configuration(plan))).collect();
@@ -59,7 +59,7 @@ impl Gates {
     /// Drops what is not wanted; the cells may be none then.
     pub fn retain(&mut self, wanted: impl Fn(CellSubject<'_>) -> bool) {
         for configuration in &mut self.configurations {
-            configuration.stages.retain(|name| wanted(CellSubject::of(name)));
+            configuration.stages.retain(|name| wanted(CellSubject::parse(name)));
         }
         self.configurations.retain(|configuration| !configuration.stages.is_empty());
     }
@@ -91,7 +91,7 @@ fn with_all_encoded(mut configuration: GateConfiguration) -> GateConfiguration {
     let all = CellSubject::Encode("*").to_string();
     if configuration.stages.contains(&all) {
         configuration.stages.retain(|name| *name != all);
-        let stages = configuration.stages.iter().filter(|name| CellSubject::of(name).is_stage());
+        let stages = configuration.stages.iter().filter(|name| CellSubject::parse(name).is_stage());
         let encoded =
             stages.map(|stage| CellSubject::Encode(stage).to_string()).collect::<Vec<_>>();
         // What makes pipelines leaves another heap behind: it is counted last.
@@ -123,7 +123,7 @@ mod tests {
     fn names_of_stages_hold_no_space() {
         let toml = "title = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\nstages = [\"blur µ|1\"]\n[[sweep]]\nid = \"one\"\n";
         let experiment = Experiment::parse("own", &format!("id = \"own\"\n{toml}")).unwrap();
-        let fault = Gates::of(&experiment).unwrap_err().to_string();
+        let fault = Gates::from_experiment(&experiment).unwrap_err().to_string();
         assert!(fault.contains("stage `blur µ|1` must hold no space"), "{fault}");
     }
 
@@ -137,7 +137,7 @@ mod tests {
             ("encode:a/x", CellSubject::Encode("a/x")),
             ("create", CellSubject::Create),
         ] {
-            assert_eq!((CellSubject::of(name), subject.to_string()), (subject, name.to_owned()));
+            assert_eq!((CellSubject::parse(name), subject.to_string()), (subject, name.to_owned()));
         }
     }
 
@@ -179,7 +179,7 @@ mod tests {
 
     fn parsed(rest: &str) -> Result<Gates> {
         let head = "id = \"own\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\n";
-        Gates::of(&Experiment::parse("own", &format!("{head}{rest}"))?)
+        Gates::from_experiment(&Experiment::parse("own", &format!("{head}{rest}"))?)
     }
 
     #[test]

@@ -26,7 +26,7 @@ const DIGEST_BYTES: usize = 2;
 ///
 /// # Errors
 /// A variable that cannot be set or that fathom sets itself.
-pub fn of(side: Side, variables: &[String]) -> Result<Environment> {
+pub fn parse(side: Side, variables: &[String]) -> Result<Environment> {
     let mut known = BTreeMap::new();
     for text in variables {
         let the = format!("the {side}'s variable");
@@ -80,7 +80,7 @@ mod tests {
 
     #[test]
     fn variables_are_split_at_the_first_sign_and_checked() {
-        let known = of(Side::Base, &["A=1=2".to_owned(), "EMPTY=".to_owned()]).unwrap();
+        let known = parse(Side::Base, &["A=1=2".to_owned(), "EMPTY=".to_owned()]).unwrap();
         assert_eq!(
             known,
             [("A", "1=2"), ("EMPTY", "")].map(|(a, b)| (a.to_owned(), b.to_owned())).into()
@@ -94,7 +94,7 @@ mod tests {
             (&["FATHOM_PADDING=x"], "FATHOM_PADDING is fathom's own"),
         ] {
             let variables: Vec<String> = variables.iter().map(|text| (*text).to_owned()).collect();
-            let error = of(Side::Head, &variables).unwrap_err().to_string();
+            let error = parse(Side::Head, &variables).unwrap_err().to_string();
             assert!(error.contains(reason) && error.lines().count() == 1, "{error}");
         }
     }
@@ -102,7 +102,7 @@ mod tests {
     #[test]
     fn values_are_recorded_only_on_request_and_others_are_told_apart_without_them() {
         let [mine, other] = ["TOKEN=secret", "TOKEN=another"]
-            .map(|text| of(Side::Base, &[text.to_owned()]).unwrap());
+            .map(|text| parse(Side::Base, &[text.to_owned()]).unwrap());
         let [hidden, shown] = [false, true].map(|values| recorded(&mine, values));
         assert!(!serde_json::to_string(&hidden).unwrap().contains("secret"));
         assert_eq!(shown.variables["TOKEN"].as_deref(), Some("secret"));
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn a_side_that_is_given_anything_has_compiled_shaders_of_its_own() {
         assert!(shader_cache(&Environment::new()).unwrap().is_none());
-        let given = of(Side::Base, &["MESA_SHADER_CACHE_DIR=/mine".into()]).unwrap();
+        let given = parse(Side::Base, &["MESA_SHADER_CACHE_DIR=/mine".into()]).unwrap();
         let [own, other] = [&given, &given].map(|given| shader_cache(given).unwrap().unwrap());
         assert_ne!(own.path(), other.path());
         let set: Vec<_> = cache_variables(&given, Some(own.path())).collect();

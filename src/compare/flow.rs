@@ -13,23 +13,23 @@ use super::bench::Processes;
 use super::cells::Gates;
 use super::environment;
 use super::instructions;
-use super::launch::{Quiet, Waiting, WorkerStart, allowed_cores};
+use super::launch::{Quiet, ReplyWait, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
-use super::rounds::{self, Before};
+use super::rounds::{self, EarlierLaunches};
 use super::settings;
 use super::survey::{self, SurveyedBuild};
 use fathom_base::input;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts;
-use fathom_judge::schedule::Schedule;
-use fathom_judge::store::{self, StoredComparison};
+use fathom_judge::schedule::GateSchedule;
+use fathom_judge::store::{self, Comparison};
 use fathom_judge::time;
 use fathom_record::comparison::{
     CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate,
     GateSettings, Side, Skip,
 };
-use fathom_record::output::{FolderKind, Held, OutputError, Taken};
+use fathom_record::output::{FolderKind, LockedFolder, OutputError, Recording};
 use fathom_record::{Build, RecordError};
 
 /// A build to compare.
@@ -69,27 +69,27 @@ impl CompareOptions {
 /// Measures what `options` ask for into a folder and gives it with its lines. `tell` takes a line for each step.
 pub fn measure(
     options: &CompareOptions,
-    taken: Taken,
+    taken: LockedFolder,
     interrupted: &AtomicBool,
-    tell: &dyn Fn(&str),
-) -> Result<Held> {
+    report: &dyn Fn(&str),
+) -> Result<Recording> {
     let start = Instant::now();
     let mut gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
     if let Some(filter) = &options.filter {
         gates = gates.filtered(filter)?;
     }
     let flags = [interrupted];
-    let waiting = Waiting { interrupted: &flags, tell };
+    let waiting = ReplyWait { interrupted: &flags, report };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
-    let greetings = greeted(options, &mut builds)?;
+    let greetings = greet(options, &mut builds)?;
     let skipped = skipped(options, &greetings);
     let software = greetings[Side::Head as usize].adapter.software;
     gates.retain(|cell| {
         let is_run = |gate: &&Gate| !skipped.iter().any(|skip| skip.gate == **gate);
         let mut run = options.settings.gates.iter().filter(is_run);
         // A stage that no gate measures is told as such.
-        cell.is_stage() || run.any(|gate| cell.is_of(*gate, software))
+        cell.is_stage() || run.any(|gate| cell.is_measured_by(*gate, software))
     });
     if gates.configurations.is_empty() {
         bail!(
@@ -98,16 +98,16 @@ pub fn measure(
     }
     let header = header(options, &gates, &greetings, skipped)?;
     let settings = settings(options, &gates, &header);
-    let mut held = taken.open(FolderKind::Comparison)?;
+    let mut output = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
-        resumed(&mut held, &settings, tell)?
+        resumed(&mut output, &settings, report)?
     } else {
-        settings::store(&held.output.folder, &settings)?;
-        store::write(&mut held, vec![Compared::Header(Box::new(header.clone()))])?;
-        StoredComparison::new(header)
+        settings::store(&output.output.folder, &settings)?;
+        store::write(&mut output, vec![Compared::Header(Box::new(header.clone()))])?;
+        Comparison::new(header)
     };
     let checks = without_checks(&greetings).is_none();
-    let mut run = ComparisonRun { options, held, interrupted, waiting, before, checks };
+    let mut run = ComparisonRun { options, output, interrupted, waiting, before, checks };
     let common = run.exact(&mut builds, &gates.configurations)?;
     drop(builds);
     run.instructions(&common)?;
@@ -116,15 +116,19 @@ pub fn measure(
         wall_s: start.elapsed().as_secs_f64(),
         interrupted: waiting.is_interrupted(),
     };
-    store::write(&mut run.held, vec![Compared::End(end)])?;
-    Ok(run.held)
+    store::write(&mut run.output, vec![Compared::End(end)])?;
+    Ok(run.output)
 }
 
 /// The folder to resume from, or to write to if it is free. Without `out` it is a new one, named after the command.
-pub fn taken(out: Option<&Path>, command: &str, resume: bool) -> Result<Taken, OutputError> {
+pub fn lock_output(
+    out: Option<&Path>,
+    command: &str,
+    resume: bool,
+) -> Result<LockedFolder, OutputError> {
     match out {
-        Some(folder) if resume => Taken::measured(folder, FolderKind::Comparison),
-        _ => Taken::asked(out, command),
+        Some(folder) if resume => LockedFolder::lock_measured(folder, FolderKind::Comparison),
+        _ => LockedFolder::lock_named(out, command),
     }
 }
 
@@ -132,7 +136,7 @@ pub fn taken(out: Option<&Path>, command: &str, resume: bool) -> Result<Taken, O
 fn start_build<'a>(
     options: &CompareOptions,
     side: Side,
-    waiting: Waiting<'a>,
+    waiting: ReplyWait<'a>,
 ) -> Result<SurveyedBuild<'a>> {
     let core = allowed_cores().into_iter().cycle().nth(side as usize);
     let quiet = Some(Quiet { core, ..Quiet::default() });
@@ -141,10 +145,10 @@ fn start_build<'a>(
 }
 
 /// What both sides say of themselves. Sides that were given the same must have the same adapter.
-fn greeted(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2]> {
+fn greet(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2]> {
     let environments = options.programs.each_ref().map(|program| &program.start.environment);
     let greet = |side: Side, build: &mut SurveyedBuild<'_>| -> Result<Greeting> {
-        build.greeted().map_err(|fault| anyhow!("the {side} build: {fault}"))
+        build.greet().map_err(|fault| anyhow!("the {side} build: {fault}"))
     };
     let [base, head] = builds;
     let greetings = [greet(Side::Base, base)?, greet(Side::Head, head)?];
@@ -155,7 +159,7 @@ fn greeted(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Res
     }
     let [base, head] = greetings.each_ref().map(|greeting| &greeting.adapter);
     let given_the_same = environments[0] == environments[1];
-    if given_the_same && AdapterRelation::of(base, head) != AdapterRelation::Same {
+    if given_the_same && AdapterRelation::between(base, head) != AdapterRelation::Same {
         let [base, head] = [base, head].map(with_driver);
         bail!("the sides run on different adapters: the base on {base}, the head on {head}");
     }
@@ -219,7 +223,7 @@ fn stale_head(options: &CompareOptions, head: &Greeting) -> Option<String> {
 fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) -> Value {
     let side = |build: &ComparedBuild, program: &Program| {
         let environment = environment::recorded(&program.start.environment, false);
-        json!({ "program": build.digest, "environment": environment, "options": program.start.gpu.words() })
+        json!({ "program": build.digest, "environment": environment, "options": program.start.gpu.to_args() })
     };
     let [base, head] = &options.programs;
     let sides = json!({
@@ -262,10 +266,10 @@ fn obstacle(gate: Gate, greetings: &[Greeting; 2], options: &CompareOptions) -> 
 }
 
 /// The folder's comparison, if it is this one.
-fn resumed(held: &mut Held, settings: &Value, tell: &dyn Fn(&str)) -> Result<StoredComparison> {
+fn resumed(held: &mut Recording, settings: &Value, tell: &dyn Fn(&str)) -> Result<Comparison> {
     held.damage.iter().for_each(|notice| tell(notice));
     let folder = held.output.folder.clone();
-    let before = StoredComparison::from_records(std::mem::take(&mut held.before));
+    let before = Comparison::from_records(std::mem::take(&mut held.before));
     let before = before.ok_or_else(|| OutputError::NoHeader { path: folder.clone() })?;
     settings::check(&folder, settings)?;
     Ok(before)
@@ -274,23 +278,23 @@ fn resumed(held: &mut Held, settings: &Value, tell: &dyn Fn(&str)) -> Result<Sto
 /// A comparison that is being measured.
 struct ComparisonRun<'a> {
     options: &'a CompareOptions,
-    held: Held,
+    output: Recording,
     interrupted: &'a AtomicBool,
-    waiting: Waiting<'a>,
+    waiting: ReplyWait<'a>,
     /// What was measured before this process, if anything, or before this step. Its settings hold.
-    before: StoredComparison,
+    before: Comparison,
     /// Both sides have checks.
     checks: bool,
 }
 
 impl ComparisonRun<'_> {
-    fn wants(&self, gate: Gate) -> bool {
+    fn has_gate(&self, gate: Gate) -> bool {
         self.before.header.settings.gates.contains(&gate) && !self.waiting.is_interrupted()
     }
 
     /// Stores what was found out, unless that was interrupted: then what looks like a fault is the interruption's.
-    fn keep(&mut self, lines: Vec<Compared>) -> Result<(), RecordError> {
-        if self.waiting.is_interrupted() { Ok(()) } else { store::write(&mut self.held, lines) }
+    fn write_lines(&mut self, lines: Vec<Compared>) -> Result<(), RecordError> {
+        if self.waiting.is_interrupted() { Ok(()) } else { store::write(&mut self.output, lines) }
     }
 
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
@@ -299,8 +303,8 @@ impl ComparisonRun<'_> {
         builds: &mut [SurveyedBuild<'_>; 2],
         configurations: &[GateConfiguration],
     ) -> Result<Vec<GateConfiguration>> {
-        let counting = self.wants(Gate::Exact);
-        (self.waiting.tell)(if counting {
+        let counting = self.has_gate(Gate::Exact);
+        (self.waiting.report)(if counting {
             "exact gate: work, counters, bytes and errors of both builds"
         } else {
             "preparing both builds"
@@ -311,53 +315,53 @@ impl ComparisonRun<'_> {
                 break;
             }
             let (known, faults) = survey::prepare(builds, configuration);
-            self.keep(faults)?;
+            self.write_lines(faults)?;
             let lacks = |cell: CellId| cell.subject().is_stage() && !self.before.has_exact(&cell);
             if counting && known.cells().any(lacks) {
-                self.keep(survey::exact(builds, &known))?;
+                self.write_lines(survey::exact(builds, &known))?;
             }
             common.push(known);
         }
         common.retain(|configuration| !configuration.stages.is_empty());
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
-        if self.checks && self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
+        if self.checks && self.has_gate(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
             let stages = common.iter().flat_map(|configuration| &configuration.stages);
-            let stages = stages.filter(|name| CellSubject::of(name).is_stage());
+            let stages = stages.filter(|name| CellSubject::parse(name).is_stage());
             let stages: Vec<String> = stages.sorted().dedup().cloned().collect();
-            self.keep(survey::checks(builds, &stages))?;
+            self.write_lines(survey::checks(builds, &stages))?;
         }
         Ok(common)
     }
 
     fn instructions(&mut self, common: &[GateConfiguration]) -> Result<()> {
-        if !self.wants(Gate::Instructions) {
+        if !self.has_gate(Gate::Instructions) {
             return Ok(());
         }
-        (self.waiting.tell)("instruction gate: every stage under callgrind");
+        (self.waiting.report)("instruction gate: every stage under callgrind");
         let options = self.options;
         let start = |side| options.start(side);
-        instructions::run(&mut self.held, &self.before, common, false, &start, self.interrupted)?;
-        let so_far = StoredComparison::read(&self.held.output.folder)?;
+        instructions::run(&mut self.output, &self.before, common, false, &start, self.interrupted)?;
+        let so_far = Comparison::read(&self.output.output.folder)?;
         let open = counts::open(&so_far);
-        if open.is_empty() || !self.wants(Gate::Instructions) {
+        if open.is_empty() || !self.has_gate(Gate::Instructions) {
             return Ok(());
         }
-        (self.waiting.tell)(&format!("instruction gate: {} cells once more", open.len()));
+        (self.waiting.report)(&format!("instruction gate: {} cells once more", open.len()));
         let of_open = |configuration: &GateConfiguration| {
             let mut of_open = configuration.clone();
             of_open.stages.retain(|stage| open.contains(&CellId::new(&of_open.id, stage)));
             of_open
         };
         let again: Vec<GateConfiguration> = common.iter().map(of_open).collect();
-        Ok(instructions::run(&mut self.held, &so_far, &again, true, &start, self.interrupted)?)
+        Ok(instructions::run(&mut self.output, &so_far, &again, true, &start, self.interrupted)?)
     }
 
     fn time(&mut self, control: &CellId, common: &[GateConfiguration]) -> Result<()> {
-        if !self.wants(Gate::Time) {
+        if !self.has_gate(Gate::Time) {
             return Ok(());
         }
         let software = self.before.header.adapter.software;
-        let timed = |cell: &CellId| cell.subject().is_of(Gate::Time, software);
+        let timed = |cell: &CellId| cell.subject().is_measured_by(Gate::Time, software);
         let cells: Vec<CellId> =
             common.iter().flat_map(GateConfiguration::cells).filter(timed).collect();
         let settings = &self.before.header.settings;
@@ -367,10 +371,10 @@ impl ComparisonRun<'_> {
             Err(cause) => {
                 let side = Some(cause.role.side());
                 let fault = Fault::new(Gate::Time, side, None, cause.fault.to_string());
-                return Ok(self.keep(vec![Compared::Fault(fault)])?);
+                return Ok(self.write_lines(vec![Compared::Fault(fault)])?);
             }
         };
-        let schedule = Schedule {
+        let schedule = GateSchedule {
             control: cells.iter().find(|cell| *cell == control).or(cells.first()).cloned(),
             cells,
             launches: settings.launches,
@@ -378,23 +382,23 @@ impl ComparisonRun<'_> {
             seed: settings.seed,
             second: false,
         };
-        if let Some(look) = time::look(&self.before.header.settings) {
-            self.launches(&schedule.until(look), &mut workers)?;
+        if let Some(look) = time::launches_before_look(&self.before.header.settings) {
+            self.launches(&schedule.first_launches(look), &mut workers)?;
         }
-        let schedule = schedule.without(&time::settled(&self.before));
+        let schedule = schedule.without_settled(&time::unchanged_cells(&self.before));
         self.launches(&schedule, &mut workers)?;
-        self.launches(&schedule.again(time::open(&self.before)), &mut workers)
+        self.launches(&schedule.second_measurement(time::open(&self.before)), &mut workers)
     }
 
     /// One of the two measurements of the time gate, or the first launches of one. Afterwards [`Self::before`] holds them.
-    fn launches(&mut self, schedule: &Schedule, workers: &mut Processes<'_>) -> Result<()> {
-        if schedule.cells.is_empty() || !self.wants(Gate::Time) {
+    fn launches(&mut self, schedule: &GateSchedule, workers: &mut Processes<'_>) -> Result<()> {
+        if schedule.cells.is_empty() || !self.has_gate(Gate::Time) {
             return Ok(());
         }
-        let Schedule { cells, launches, pairs, second, .. } = schedule;
+        let GateSchedule { cells, launches, pairs, second, .. } = schedule;
         let before = timed_before(&self.before, *second);
         let mut done = before.complete;
-        let tell = self.waiting.tell;
+        let tell = self.waiting.report;
         tell(&format!(
             "time gate{}: cells: {}, launches: {launches} of {pairs} pairs",
             if *second { ", second measurement" } else { "" },
@@ -402,25 +406,25 @@ impl ComparisonRun<'_> {
         ));
         let sink = |lines: Vec<Compared>| -> Result<(), RecordError> {
             done += lines.iter().filter(|line| matches!(line, Compared::Launch(_))).count() as u32;
-            store::write(&mut self.held, lines)?;
+            store::write(&mut self.output, lines)?;
             tell(&format!("time gate: {done} of {launches} launches"));
             Ok(())
         };
         rounds::run(schedule, workers, &before, self.interrupted, sink)?;
-        self.before = StoredComparison::read(&self.held.output.folder)?;
+        self.before = Comparison::read(&self.output.output.folder)?;
         Ok(())
     }
 }
 
 /// What is there already of the first or second measurement of the time gate.
-fn timed_before(before: &StoredComparison, second: bool) -> Before {
+fn timed_before(before: &Comparison, second: bool) -> EarlierLaunches {
     let later = before.faults.iter().skip(before.faults_before_interruption);
     let lost = later.filter(|fault| fault.gate == Gate::Time);
     let cells = lost.clone().filter(|fault| !fault.control);
-    Before {
+    EarlierLaunches {
         complete: before.launches_of(second) as u32,
         last: before.last_launch,
-        lost: cells.filter_map(|fault| fault.cell.clone()).collect(),
+        given_up: cells.filter_map(|fault| fault.cell.clone()).collect(),
         control_lost: lost.clone().any(|fault| fault.control),
     }
 }

@@ -23,22 +23,22 @@ use std::time::Duration;
 use itertools::{Either, Itertools};
 use tempfile::TempDir;
 
-use super::launch::{self, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
+use super::launch::{self, Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::valgrind;
 use fathom_base::{process, quiet, text};
-use fathom_judge::store::{self, StoredComparison};
+use fathom_judge::store::{self, Comparison};
 use fathom_record::RecordError;
 use fathom_record::comparison::{
     CellId, CellSubject, Compared, Fault, Gate, InstructionCounts, Side,
 };
-use fathom_record::output::Held;
+use fathom_record::output::Recording;
 use fathom_scene::assets;
 
 /// Frames that are counted of each cell and side.
 const FRAMES: u32 = 3;
 /// A worker under callgrind is killed so long after it was asked to end: until then its driver fills the shader cache.
-const FAREWELL: Duration = Duration::from_secs(60);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Padding of second counts: any other than none.
 const SECOND_PADDING: usize = quiet::PADDING_BYTES / 2 - 8;
 
@@ -47,7 +47,7 @@ pub fn obstacle(software: bool) -> Option<String> {
     if !software {
         return Some("the adapter is no software driver: its work is not the process's".to_owned());
     }
-    let version = process::printed(Command::new("valgrind").arg("--version"));
+    let version = process::run_for_stdout(Command::new("valgrind").arg("--version"));
     let is_installed = version.is_ok_and(|version| !version.is_empty());
     let lacks = || "valgrind is not installed (Debian: apt-get install valgrind)".to_owned();
     (!is_installed).then(lacks)
@@ -69,8 +69,8 @@ struct Job<'a> {
 /// `start` tells how to start the worker of a side. What cannot be counted becomes a fault. A `second` count has a process for
 /// each configuration, and another layout of the heap.
 pub fn run(
-    held: &mut Held,
-    before: &StoredComparison,
+    held: &mut Recording,
+    before: &Comparison,
     wanted: &[GateConfiguration],
     second: bool,
     start: &(dyn Fn(Side) -> WorkerStart + Sync),
@@ -89,14 +89,14 @@ pub fn run(
         for number in 0..workers {
             let (jobs, sender, core) = (&jobs, sender.clone(), cores.get(number).copied());
             scope.spawn(move || {
-                let waiting = Waiting { interrupted: &ending, ..Waiting::PLAINLY };
+                let waiting = ReplyWait { interrupted: &ending, ..ReplyWait::SILENT };
                 let next = || jobs.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
                 while let Some(sides) = next().filter(|_| !waiting.is_interrupted()) {
                     // One side after the other: what the first compiles the second finds.
                     for job in sides {
                         let start = quieted(start(job.side), core, second);
                         let start = with_kept_shaders(start, &job.shaders);
-                        let conditions = Conditions { start, wrapper: callgrind, waiting };
+                        let conditions = CountingSetup { start, wrapper: callgrind, waiting };
                         for line in count_warm(&job, &conditions) {
                             // Nobody listens only when the store is broken, which ends everything.
                             let _ = sender.send(line);
@@ -121,7 +121,7 @@ fn quieted(start: WorkerStart, core: Option<usize>, second: bool) -> WorkerStart
 
 /// By groups of configurations, for both sides: a group for each of `workers`, or for each configuration in a `second` count.
 fn jobs<'a>(
-    before: &StoredComparison,
+    before: &Comparison,
     wanted: &'a [GateConfiguration],
     second: bool,
     workers: usize,
@@ -153,7 +153,7 @@ fn jobs<'a>(
 }
 
 /// Most that Mesa keeps of the shaders of a process.
-const MOST_SHADERS: &str = "MESA_SHADER_CACHE_MAX_SIZE=256M";
+const MAX_SHADERS: &str = "MESA_SHADER_CACHE_MAX_SIZE=256M";
 
 /// With a shader cache of its own: in that of the side if it has one, else in one that is kept from comparison to comparison.
 fn with_kept_shaders(start: WorkerStart, name: &str) -> WorkerStart {
@@ -177,7 +177,7 @@ fn size(folder: &Path) -> u64 {
 }
 
 /// The counts of a process that compiled no shader: of the first one or of a fresh one after it.
-fn count_warm(job: &Job<'_>, conditions: &Conditions<'_>) -> Vec<Compared> {
+fn count_warm(job: &Job<'_>, conditions: &CountingSetup<'_>) -> Vec<Compared> {
     let kept = || conditions.start.shader_cache.as_deref().map_or(0, size);
     let before = kept();
     let is_warm = || kept() == before;
@@ -189,14 +189,13 @@ fn count_warm(job: &Job<'_>, conditions: &Conditions<'_>) -> Vec<Compared> {
     count(job, conditions, &|| true).0
 }
 
-/// How a job is counted.
-struct Conditions<'a> {
+struct CountingSetup<'a> {
     start: WorkerStart,
     /// The command that counts, which leaves its files in a folder.
     wrapper: fn(&Path) -> Vec<OsString>,
     /// Tells when the gate ends. Nobody hears of a long wait: under callgrind every reply takes long, and several are waited
     /// for at once.
-    waiting: Waiting<'a>,
+    waiting: ReplyWait<'a>,
 }
 
 /// Counts a job's cells one after the other: a line each, or the fault that it ended in. Cells after a fault are counted by a
@@ -204,7 +203,7 @@ struct Conditions<'a> {
 /// first count where a prepared worker is not `warm`; then the second value is true.
 fn count(
     job: &Job<'_>,
-    conditions: &Conditions<'_>,
+    conditions: &CountingSetup<'_>,
     warm: &dyn Fn() -> bool,
 ) -> (Vec<Compared>, bool) {
     let mut lines = Vec::new();
@@ -216,7 +215,7 @@ fn count(
             Err(_) if conditions.waiting.is_interrupted() => break,
             Err((unprepared, cause)) => {
                 let is_lost = |own: &GateConfiguration| unprepared.is_none_or(|id| own.id == id);
-                lines.extend(lost(job, &mut left, is_lost, &cause));
+                lines.extend(drop_cells(job, &mut left, is_lost, &cause));
                 continue;
             }
         };
@@ -240,7 +239,7 @@ fn count(
             }
             Err(_) if conditions.waiting.is_interrupted() => break,
             Err(cause @ WorkerFault::Silent { .. }) => {
-                lines.extend(lost(job, &mut left, |own| own.id == configuration.id, &cause));
+                lines.extend(drop_cells(job, &mut left, |own| own.id == configuration.id, &cause));
             }
             Err(cause) => {
                 left.pop_front();
@@ -255,7 +254,7 @@ fn count(
 }
 
 /// The faults of the cells that are left of some configurations, which are then left out.
-fn lost<'a>(
+fn drop_cells<'a>(
     job: &Job<'_>,
     left: &mut VecDeque<(&'a GateConfiguration, &'a String)>,
     is_lost: impl Fn(&GateConfiguration) -> bool,
@@ -278,7 +277,7 @@ fn callgrind(folder: &Path) -> Vec<OsString> {
     let mut out = OsString::from("--callgrind-out-file=");
     out.push(folder.join(OUT));
     let held_back = valgrind::SUPPORTED.then(|| OsString::from("--instr-atstart=no"));
-    ["env", MOST_SHADERS, "valgrind", "--tool=callgrind", "--vgdb=no", "-q"]
+    ["env", MAX_SHADERS, "valgrind", "--tool=callgrind", "--vgdb=no", "-q"]
         .map(OsString::from)
         .into_iter()
         .chain(held_back)
@@ -301,7 +300,7 @@ impl Counter {
     /// Has prepared what the cells need that are left. A fault comes with the configuration that it is of.
     fn new<'a>(
         left: &VecDeque<(&'a GateConfiguration, &String)>,
-        conditions: &Conditions<'_>,
+        conditions: &CountingSetup<'_>,
     ) -> Result<Self, (Option<&'a str>, WorkerFault)> {
         let folder = tempfile::tempdir()
             .map_err(|error| WorkerFault::fatal(format!("no folder for callgrind: {error}")))
@@ -323,7 +322,7 @@ impl Counter {
     }
 
     fn quit(self) {
-        self.worker.quit_within(FAREWELL);
+        self.worker.quit_within(SHUTDOWN_TIMEOUT);
     }
 
     /// One stage's counts. After a fault callgrind may have cut any number of times: then the counter is of no more use.
@@ -331,9 +330,9 @@ impl Counter {
         &mut self,
         configuration: &str,
         stage: &str,
-        waiting: Waiting<'_>,
+        waiting: ReplyWait<'_>,
     ) -> Result<Vec<u64>, WorkerFault> {
-        let frames = if CellSubject::of(stage) == CellSubject::Create { 1 } else { FRAMES };
+        let frames = if CellSubject::parse(stage) == CellSubject::Create { 1 } else { FRAMES };
         let request = WorkerRequest::Instructions {
             config: configuration.to_owned(),
             stage: stage.to_owned(),
@@ -408,8 +407,8 @@ esac; done
         let start = quieted(WorkerStart::new(&script), None, false);
         let start = WorkerStart { shader_cache: Some(folder.join("shaders")), ..start };
         std::fs::create_dir_all(folder.join("shaders")).unwrap();
-        let waiting = Waiting { interrupted: ending, ..Waiting::PLAINLY };
-        let conditions = Conditions { start, wrapper, waiting };
+        let waiting = ReplyWait { interrupted: ending, ..ReplyWait::SILENT };
+        let conditions = CountingSetup { start, wrapper, waiting };
         let told = |line: Compared| match line {
             Compared::Instructions(line) => format!("{} {:?}", line.cell.stage(), line.counts),
             Compared::Fault(fault) => format!("{} {}", fault.cell.unwrap().stage(), fault.reason),

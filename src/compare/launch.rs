@@ -13,7 +13,7 @@ use thiserror::Error;
 
 use super::environment::{self, Environment};
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
-use fathom_base::process::{Listener, ProcessTree};
+use fathom_base::process::{ProcessTree, StderrReader};
 pub use fathom_base::quiet::{Quiet, allowed_cores};
 use fathom_base::{quiet, text};
 use fathom_gpu as gpu;
@@ -37,7 +37,7 @@ const SHORTEST_NS: f64 = 1e-3;
 /// What a sample may be longer than its request: as the audit allows of timestamps, which another clock counts.
 const CLOCK_TOLERANCE: f64 = 1.15;
 /// A worker that was asked to end is killed after this.
-const FAREWELL: Duration = Duration::from_secs(2);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 /// A reply that takes longer than this is announced as being waited for.
 const LONG: Duration = Duration::from_secs(5);
 /// How long an interruption may go unnoticed while a reply is waited for.
@@ -86,29 +86,28 @@ impl WorkerFault {
         matches!(self, Self::Refused { absent: true, .. })
     }
 
-    /// The worker still answers.
-    pub fn goes_on(&self) -> bool {
+    pub fn is_alive(&self) -> bool {
         matches!(self, Self::Refused { fatal: false, .. } | Self::Unsupported(_))
     }
 }
 
 /// How long a worker may take before it counts as hung: for opening the device, an audit, preparing a configuration, exact figures.
-pub const PATIENCE: Duration = Duration::from_secs(180);
+pub const REPLY_TIMEOUT: Duration = Duration::from_secs(180);
 /// The same for a sample, in which a stage of milliseconds runs a few times.
-const SAMPLE_PATIENCE: Duration = Duration::from_secs(30);
+const SAMPLE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// What ends the wait for a reply early, and who hears of a long one.
 #[derive(Clone, Copy)]
-pub struct Waiting<'a> {
+pub struct ReplyWait<'a> {
     /// The worker is killed as soon as one of these becomes true.
     pub interrupted: &'a [&'a AtomicBool],
     /// Takes a line when a reply takes long.
-    pub tell: &'a dyn Fn(&str),
+    pub report: &'a dyn Fn(&str),
 }
 
-impl Waiting<'_> {
+impl ReplyWait<'_> {
     /// Nothing interrupts the wait and nobody hears of it.
-    pub const PLAINLY: Waiting<'static> = Waiting { interrupted: &[], tell: &|_| {} };
+    pub const SILENT: ReplyWait<'static> = ReplyWait { interrupted: &[], report: &|_| {} };
 
     pub fn is_interrupted(&self) -> bool {
         self.interrupted.iter().any(|flag| flag.load(Ordering::Relaxed))
@@ -147,7 +146,7 @@ impl WorkerStart {
     }
 
     /// A worker that is started by a command of the shell.
-    pub fn of_command(text: &str) -> Self {
+    pub fn from_command(text: &str) -> Self {
         Self { command: Some(text.to_owned()), ..Self::new(Path::new(SHELL)) }
     }
 
@@ -159,7 +158,7 @@ impl WorkerStart {
         if let Some(text) = &self.command {
             command.args(["-c", text]);
         } else {
-            command.arg("worker").args(self.gpu.words());
+            command.arg("worker").args(self.gpu.to_args());
         }
         if let Some(quiet) = &self.quiet {
             quiet::apply(&mut command, quiet);
@@ -178,13 +177,13 @@ pub struct WorkerProcess {
     /// Lines for its standard input, which it may leave unread. None after the last.
     requests: Option<Sender<String>>,
     replies: Receiver<std::io::Result<String>>,
-    errors: Option<Listener>,
+    errors: Option<StderrReader>,
     patience: Option<(RequestKind, Duration)>,
-    asked: RequestKind,
+    request: RequestKind,
 }
 
 impl WorkerProcess {
-    /// Starts a process and greets it; [`Self::greeted`] takes the answer.
+    /// Starts a process and greets it; [`Self::greet`] takes the answer.
     pub fn start(start: &WorkerStart) -> Result<Self, WorkerFault> {
         let mut worker = Self::spawn(start)?;
         worker.send(&WorkerRequest::Hello { protocol: PROTOCOL, clock: start.clock })?;
@@ -194,10 +193,10 @@ impl WorkerProcess {
     /// Starts a process and waits for what it says of itself.
     pub fn open(
         start: &WorkerStart,
-        waiting: &Waiting<'_>,
+        waiting: &ReplyWait<'_>,
     ) -> Result<(Self, Greeting), WorkerFault> {
         let mut worker = Self::start(start)?;
-        let greeting = worker.greeted(waiting)?;
+        let greeting = worker.greet(waiting)?;
         Ok((worker, greeting))
     }
 
@@ -219,10 +218,10 @@ impl WorkerProcess {
         if let Some(input) = tree.stdin.take() {
             std::thread::spawn(move || write_requests(input, &written));
         }
-        let errors = tree.stderr.take().map(Listener::start);
+        let errors = tree.stderr.take().map(StderrReader::start);
         let WorkerStart { name, patience, .. } = *start;
-        let (requests, asked) = (Some(requests), RequestKind::Hello);
-        Ok(Self { name, tree, requests, replies, errors, patience, asked })
+        let (requests, request) = (Some(requests), RequestKind::Hello);
+        Ok(Self { name, tree, requests, replies, errors, patience, request })
     }
 
     /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
@@ -230,18 +229,18 @@ impl WorkerProcess {
         if let Ok(Ok(unasked)) = self.replies.try_recv() {
             return Err(self.garbage(&unasked));
         }
-        self.asked = request.into();
+        self.request = request.into();
         let line = serde_json::to_string(request).unwrap_or_default() + "\n";
         let sent = self.requests.as_ref().is_some_and(|requests| requests.send(line).is_ok());
-        if sent { Ok(()) } else { Err(self.ended()) }
+        if sent { Ok(()) } else { Err(self.exit_fault()) }
     }
 
-    /// The reply to the last request, of its kind. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
-    pub fn receive(&mut self, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
-        let patience = match (self.asked, self.patience) {
+    /// The reply to the last request, of its kind. After a fault that does not [go on](WorkerFault::is_alive) the worker is dead.
+    pub fn receive(&mut self, waiting: &ReplyWait<'_>) -> Result<Reply, WorkerFault> {
+        let patience = match (self.request, self.patience) {
             (asked, Some((kind, patience))) if asked == kind => patience,
-            (RequestKind::Sample, _) => SAMPLE_PATIENCE,
-            _ => PATIENCE,
+            (RequestKind::Sample, _) => SAMPLE_TIMEOUT,
+            _ => REPLY_TIMEOUT,
         };
         let asked = Instant::now();
         let mut told = false;
@@ -250,7 +249,7 @@ impl WorkerProcess {
             match self.replies.recv_timeout(left.min(SLICE)) {
                 Ok(Ok(line)) => return self.read(&line),
                 Ok(Err(error)) => return Err(self.garbage(&error.to_string())),
-                Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
+                Err(RecvTimeoutError::Disconnected) => return Err(self.exit_fault()),
                 Err(RecvTimeoutError::Timeout) => {}
             }
             if waiting.is_interrupted() {
@@ -258,13 +257,13 @@ impl WorkerProcess {
                 return Err(WorkerFault::Interrupted);
             }
             if asked.elapsed() >= patience {
-                let (request, seconds) = (self.asked, patience.as_secs());
+                let (request, seconds) = (self.request, patience.as_secs());
                 return Err(WorkerFault::Silent { request, seconds, stderr: self.last_words() });
             }
             if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
-                let (name, process, asked) = (self.name, self.tree.id(), self.asked);
+                let (name, process, asked) = (self.name, self.tree.id(), self.request);
                 let most = patience.as_secs();
-                (waiting.tell)(&format!(
+                (waiting.report)(&format!(
                     "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {most} s"
                 ));
             }
@@ -272,8 +271,8 @@ impl WorkerProcess {
     }
 
     fn read(&mut self, line: &str) -> Result<Reply, WorkerFault> {
-        if self.asked == RequestKind::Hello
-            && let Some(theirs) = protocol_of(line).filter(|theirs| *theirs != PROTOCOL)
+        if self.request == RequestKind::Hello
+            && let Some(theirs) = parse_protocol(line).filter(|theirs| *theirs != PROTOCOL)
         {
             self.tree.kill();
             return Err(WorkerFault::OtherProtocol { theirs });
@@ -288,7 +287,7 @@ impl WorkerProcess {
             Ok(Reply::Unsupported { message }) => {
                 Err(WorkerFault::Unsupported(excerpt(&message, EXCERPT)))
             }
-            Ok(reply) if answers(&reply, self.asked) => Ok(reply),
+            Ok(reply) if answers(&reply, self.request) => Ok(reply),
             _ => Err(self.garbage(line)),
         }
     }
@@ -296,14 +295,14 @@ impl WorkerProcess {
     pub fn ask(
         &mut self,
         request: &WorkerRequest,
-        waiting: &Waiting<'_>,
+        waiting: &ReplyWait<'_>,
     ) -> Result<Reply, WorkerFault> {
         self.send(request)?;
         self.receive(waiting)
     }
 
     /// What the worker says of itself, if it speaks this protocol.
-    pub fn greeted(&mut self, waiting: &Waiting<'_>) -> Result<Greeting, WorkerFault> {
+    pub fn greet(&mut self, waiting: &ReplyWait<'_>) -> Result<Greeting, WorkerFault> {
         match self.receive(waiting)? {
             Reply::Hello(greeting) => match long_name(&greeting) {
                 None => Ok(*greeting),
@@ -318,14 +317,14 @@ impl WorkerProcess {
         &mut self,
         cell: &CellId,
         frames: u32,
-        waiting: &Waiting<'_>,
+        waiting: &ReplyWait<'_>,
     ) -> Result<(Vec<f64>, Option<MachineState>), WorkerFault> {
         let (config, stage) = (cell.configuration().to_owned(), cell.stage().to_owned());
         let asked = Instant::now();
         let reply = self.ask(&WorkerRequest::Sample { config, stage, frames }, waiting)?;
         let request_ns = asked.elapsed().as_secs_f64() * 1e9;
         let fault = match &reply {
-            Reply::Sample { ns, .. } => impossible(ns, frames, request_ns),
+            Reply::Sample { ns, .. } => implausibility(ns, frames, request_ns),
             _ => None,
         };
         match (reply, fault) {
@@ -353,12 +352,12 @@ impl WorkerProcess {
     fn garbage(&mut self, line: &str) -> WorkerFault {
         self.tree.kill();
         let excerpt = excerpt(line.trim_end(), EXCERPT);
-        WorkerFault::Garbage { request: self.asked, excerpt: format!("`{excerpt}`") }
+        WorkerFault::Garbage { request: self.request, excerpt: format!("`{excerpt}`") }
     }
 
-    fn ended(&mut self) -> WorkerFault {
+    fn exit_fault(&mut self) -> WorkerFault {
         self.requests = None;
-        let status = self.tree.status_within(FAREWELL).ok().flatten();
+        let status = self.tree.status_within(SHUTDOWN_TIMEOUT).ok().flatten();
         let status = status.map_or("its output closed".to_owned(), |status| status.to_string());
         WorkerFault::Ended { status, stderr: self.last_words() }
     }
@@ -366,12 +365,12 @@ impl WorkerProcess {
     /// What it has written to its standard error. It is dead afterwards.
     fn last_words(&mut self) -> String {
         self.tree.kill();
-        self.errors.take().map(Listener::heard).unwrap_or_default().to_string()
+        self.errors.take().map(StderrReader::finish).unwrap_or_default().to_string()
     }
 
     /// Asks the worker to end, and sees to it.
     pub fn quit(self) {
-        self.quit_within(FAREWELL);
+        self.quit_within(SHUTDOWN_TIMEOUT);
     }
 
     /// The same with so much time for what its driver has to finish.
@@ -398,7 +397,7 @@ fn long_name(Greeting { adapter, fathom_version, .. }: &Greeting) -> Option<Stri
 }
 
 /// Why these cannot be the times of so many frames, taken one after the other within a request that took so long by this process's clock.
-fn impossible(ns: &[f64], frames: u32, request_ns: f64) -> Option<String> {
+fn implausibility(ns: &[f64], frames: u32, request_ns: f64) -> Option<String> {
     // On one core no process has more CPU time than the wall has; where none can be chosen it may have that of all.
     let cores = if allowed_cores().is_empty() {
         std::thread::available_parallelism().map_or(1, usize::from)
@@ -437,7 +436,7 @@ fn answers(reply: &Reply, asked: RequestKind) -> bool {
 }
 
 /// The version that a greeting names, whatever else of it this build can read.
-fn protocol_of(line: &str) -> Option<u32> {
+fn parse_protocol(line: &str) -> Option<u32> {
     let greeting: Value = serde_json::from_str(line).ok()?;
     let version = greeting.get("protocol")?.as_u64()?;
     Some(u32::try_from(version).unwrap_or(u32::MAX))
@@ -479,19 +478,19 @@ mod tests {
     fn times_are_finite_and_above_0_and_no_longer_than_their_request() {
         let request_ns = 1e6;
         for ns in [SHORTEST_NS, 1.0, 1e6] {
-            assert_eq!(impossible(&[ns], 1, request_ns), None);
+            assert_eq!(implausibility(&[ns], 1, request_ns), None);
         }
         for ns in [0.0, -0.0, -1.0, 5e-324, f64::NAN, f64::INFINITY, 1.8e19] {
             for place in 0..2 {
                 let mut frames = [1e5; 2];
                 frames[place] = ns;
-                assert!(impossible(&frames, 2, request_ns).is_some(), "{ns}");
+                assert!(implausibility(&frames, 2, request_ns).is_some(), "{ns}");
             }
         }
-        assert!(impossible(&[1e5], 2, request_ns).is_some(), "one is missing");
-        assert!(impossible(&[1.1e6], 1, request_ns).is_none(), "clocks differ by a little");
+        assert!(implausibility(&[1e5], 2, request_ns).is_some(), "one is missing");
+        assert!(implausibility(&[1.1e6], 1, request_ns).is_none(), "clocks differ by a little");
         if cfg!(target_os = "linux") {
-            assert!(impossible(&[1.2e6], 1, request_ns).is_some());
+            assert!(implausibility(&[1.2e6], 1, request_ns).is_some());
         }
     }
 

@@ -20,7 +20,7 @@ use rand_pcg::Pcg64;
 use strum::{Display, IntoStaticStr};
 
 use super::launch::WorkerFault;
-use fathom_judge::schedule::Schedule;
+use fathom_judge::schedule::GateSchedule;
 use fathom_record::MachineState;
 use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
 
@@ -74,9 +74,8 @@ pub struct OpenedLaunch {
     pub notes: Vec<String>,
 }
 
-/// A sample of one side.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sampled {
+pub struct SideSample {
     pub ns: f64,
     /// The adapter after it, where its driver tells.
     pub machine: Option<MachineState>,
@@ -93,33 +92,33 @@ pub trait LaunchWorkers {
         control: Option<&CellId>,
     ) -> Result<OpenedLaunch, RoleFault>;
     /// One sample, while the other workers rest.
-    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault>;
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<SideSample, WorkerFault>;
     /// Ends the workers.
     fn close(&mut self);
 }
 
 /// What an earlier run of the same comparison has left.
 #[derive(Clone, Debug, Default)]
-pub struct Before {
+pub struct EarlierLaunches {
     /// Launches of this measurement that count.
     pub complete: u32,
     /// The highest number of a launch that any record names.
     pub last: Option<u32>,
     /// Cells that were given up.
-    pub lost: BTreeSet<CellId>,
+    pub given_up: BTreeSet<CellId>,
     /// The control was given up.
     pub control_lost: bool,
 }
 
 /// Runs the missing launches. `sink` takes the lines of each launch together, as soon as it has ended.
 pub fn run<E>(
-    schedule: &Schedule,
+    schedule: &GateSchedule,
     workers: &mut dyn LaunchWorkers,
-    before: &Before,
+    before: &EarlierLaunches,
     interrupted: &AtomicBool,
     mut sink: impl FnMut(Vec<Compared>) -> Result<(), E>,
 ) -> Result<(), E> {
-    let left = schedule.cells.iter().filter(|cell| !before.lost.contains(cell));
+    let left = schedule.cells.iter().filter(|cell| !before.given_up.contains(cell));
     let mut gate = Gatekeeper {
         schedule,
         workers,
@@ -139,7 +138,7 @@ pub fn run<E>(
                 complete += 1;
             }
             LaunchOutcome::Interrupted => break,
-            LaunchOutcome::Spoilt(faults) => {
+            LaunchOutcome::Discarded(faults) => {
                 broken += u32::from(faults.iter().any(|fault| fault.cell.is_none()));
                 sink(faults.into_iter().map(Compared::Fault).collect())?;
                 if broken >= MAX_BROKEN_LAUNCHES {
@@ -154,7 +153,7 @@ pub fn run<E>(
 
 /// Runs launches and keeps count of the cells that are left.
 struct Gatekeeper<'a> {
-    schedule: &'a Schedule,
+    schedule: &'a GateSchedule,
     workers: &'a mut dyn LaunchWorkers,
     /// Number of the launch that is run.
     launch: u32,
@@ -167,7 +166,7 @@ enum LaunchOutcome {
     /// Its pairs, its faults, and the line that makes it count.
     Complete(Vec<Compared>),
     /// It does not count, for these reasons.
-    Spoilt(Vec<Fault>),
+    Discarded(Vec<Fault>),
     Interrupted,
 }
 
@@ -187,7 +186,7 @@ impl Gatekeeper<'_> {
         let opened = match self.workers.open(self.launch, &self.cells, self.control.as_ref()) {
             Ok(opened) => opened,
             Err(_) if self.is_interrupted() => return LaunchOutcome::Interrupted,
-            Err(cause) => return LaunchOutcome::Spoilt(self.unprepared(&cause)),
+            Err(cause) => return LaunchOutcome::Discarded(self.unprepared(&cause)),
         };
         for cause in opened.refused {
             faults.extend(self.unprepared(&cause));
@@ -215,8 +214,8 @@ impl Gatekeeper<'_> {
                         faults.extend(self.lose(&cause, |cell, control| {
                             (cell, control) == (&lost.cell, lost.control)
                         }));
-                        if !cause.fault.goes_on() {
-                            return LaunchOutcome::Spoilt(faults);
+                        if !cause.fault.is_alive() {
+                            return LaunchOutcome::Discarded(faults);
                         }
                     }
                 }

@@ -39,8 +39,7 @@ pub fn store(folder: &Path, settings: &Value) -> Result<()> {
     written.with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// The settings that a folder was begun with.
-pub fn stored(folder: &Path) -> Result<Value> {
+pub fn load(folder: &Path) -> Result<Value> {
     let path = folder.join(SETTINGS);
     let text = input::text(&path, input::MAX_TEXT).with_context(|| {
         let missing = "what this was begun with is not known, so it cannot be resumed";
@@ -51,7 +50,7 @@ pub fn stored(folder: &Path) -> Result<Value> {
 
 /// Refuses settings other than those that a folder was begun with, by name.
 pub fn check(folder: &Path, asked: &Value) -> Result<()> {
-    let before = stored(folder)?;
+    let before = load(folder)?;
     let [before, asked] = [&before, asked].map(|all| {
         let mut leaves = BTreeMap::new();
         flatten("", all, &mut leaves);
@@ -59,7 +58,7 @@ pub fn check(folder: &Path, asked: &Value) -> Result<()> {
     });
     let names = before.keys().chain(asked.keys()).sorted().dedup();
     let different = names.filter(|name| before.get(*name) != asked.get(*name)).map(|name| {
-        let [then, now] = [&before, &asked].map(|of| shown(of.get(name)));
+        let [then, now] = [&before, &asked].map(|of| format_value(of.get(name)));
         format!("`{name}` was {then} and is now {now}")
     });
     let all = different.collect_vec();
@@ -89,7 +88,7 @@ fn flatten(path: &str, value: &Value, leaves: &mut BTreeMap<String, Value>) {
     }
 }
 
-fn shown(value: Option<&Value>) -> String {
+fn format_value(value: Option<&Value>) -> String {
     let text = value.map_or("absent".to_owned(), Value::to_string);
     let short: String = text.chars().take(MAX_SHOWN).collect();
     if short == text { text } else { format!("{short}…") }

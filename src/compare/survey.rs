@@ -1,6 +1,6 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
-use super::launch::{Waiting, WorkerFault, WorkerProcess, WorkerStart};
+use super::launch::{ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{CheckReading, GateConfiguration, Greeting, Reply, WorkerRequest};
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
@@ -9,21 +9,21 @@ use fathom_record::comparison::{
 /// One side: how to start its worker, and the worker while it lives.
 pub struct SurveyedBuild<'a> {
     start: WorkerStart,
-    waiting: Waiting<'a>,
+    waiting: ReplyWait<'a>,
     worker: Option<WorkerProcess>,
 }
 
 impl<'a> SurveyedBuild<'a> {
-    /// Starts the worker; what it says of itself comes with [`Self::greeted`].
-    pub fn new(start: WorkerStart, waiting: Waiting<'a>) -> Result<Self, WorkerFault> {
+    /// Starts the worker; what it says of itself comes with [`Self::greet`].
+    pub fn new(start: WorkerStart, waiting: ReplyWait<'a>) -> Result<Self, WorkerFault> {
         let worker = Some(WorkerProcess::start(&start)?);
         Ok(Self { start, waiting, worker })
     }
 
     /// The answer to the greeting of a worker that was just started.
-    pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
+    pub fn greet(&mut self) -> Result<Greeting, WorkerFault> {
         let waiting = self.waiting;
-        self.worker()?.greeted(&waiting)
+        self.worker()?.greet(&waiting)
     }
 
     /// The worker, a fresh one if the last has died.
@@ -37,17 +37,17 @@ impl<'a> SurveyedBuild<'a> {
 
     fn send(&mut self, request: &WorkerRequest) -> Result<(), WorkerFault> {
         let sent = self.worker()?.send(request);
-        self.kept(sent)
+        self.drop_on_fault(sent)
     }
 
     fn receive(&mut self) -> Result<Reply, WorkerFault> {
         let waiting = self.waiting;
         let reply = self.worker()?.receive(&waiting);
-        self.kept(reply)
+        self.drop_on_fault(reply)
     }
 
-    fn kept<T>(&mut self, result: Result<T, WorkerFault>) -> Result<T, WorkerFault> {
-        if result.as_ref().is_err_and(|error| !error.goes_on()) {
+    fn drop_on_fault<T>(&mut self, result: Result<T, WorkerFault>) -> Result<T, WorkerFault> {
+        if result.as_ref().is_err_and(|error| !error.is_alive()) {
             self.worker = None;
         }
         result
@@ -123,7 +123,7 @@ fn present(
     let mut stages = Vec::new();
     let mut faults = Vec::new();
     for stage in &configuration.stages {
-        let [base, head] = replies.each_ref().map(|reply| lack(reply, stage));
+        let [base, head] = replies.each_ref().map(|reply| missing_reason(reply, stage));
         let is_new = head.is_none() && base.as_ref().is_some_and(|(_, unknown)| *unknown);
         if base.is_none() && head.is_none() {
             stages.push(stage.clone());
@@ -137,7 +137,7 @@ fn present(
 }
 
 /// Why a side lacks a stage, and whether its build does not know of it: otherwise something failed.
-fn lack(reply: &Result<Reply, WorkerFault>, stage: &str) -> Option<(String, bool)> {
+fn missing_reason(reply: &Result<Reply, WorkerFault>, stage: &str) -> Option<(String, bool)> {
     match reply {
         Ok(Reply::Prepared { stages }) => {
             let present = stages.iter().any(|present| present.name == stage);
@@ -212,7 +212,7 @@ mod tests {
     }
 
     /// The common stages of a configuration of `a` and `b`, and who lacks which as what: `new` or `failed`.
-    fn told(
+    fn describe(
         base: Result<Reply, WorkerFault>,
         head: Result<Reply, WorkerFault>,
     ) -> (String, String) {
@@ -250,7 +250,7 @@ mod tests {
             ),
         ] {
             let case = format!("{base:?}, {head:?}");
-            assert_eq!(told(base, head), (common.to_owned(), faults.to_owned()), "{case}");
+            assert_eq!(describe(base, head), (common.to_owned(), faults.to_owned()), "{case}");
         }
     }
 }

@@ -23,7 +23,7 @@ use fathom_harness::MAX_PASSES;
 use fathom_harness::catalog::Catalog;
 use fathom_harness::catalog::SubjectError;
 use fathom_harness::subject::{Subject, Subjects};
-use fathom_pipelines::{AnyPipeline, Judge, Known};
+use fathom_pipelines::{AnyPipeline, Judge, ReferenceCache};
 use fathom_record::PassKind;
 use fathom_record::comparison::CellSubject;
 use fathom_scene::SceneError;
@@ -53,9 +53,9 @@ pub fn serve(
     output: impl Write,
 ) -> Result<(), ServeError> {
     quiet::pad_heap();
-    let subjects = Subjects::of(catalog).silent();
+    let subjects = Subjects::new(catalog).silent();
     let mut worker = RequestServer { options, catalog, subjects, device: None };
-    protocol::serve(input, output, |request| worker.answer(request).unwrap_or_else(Refusal::reply))
+    protocol::serve(input, output, |request| worker.reply(request).unwrap_or_else(Refusal::reply))
 }
 
 /// Why a request cannot be met.
@@ -110,20 +110,20 @@ struct RequestServer<'a> {
     options: &'a gpu::Options,
     catalog: &'a Catalog,
     subjects: Subjects,
-    device: Option<Device>,
+    device: Option<OpenDevice>,
 }
 
 /// The open device and what is prepared on it.
-struct Device {
+struct OpenDevice {
     gpu: Gpu,
     clock: StageClock,
-    prepared: BTreeMap<String, Prepared>,
+    prepared: BTreeMap<String, PreparedCell>,
 }
 
-type Prepared = (Subject, Box<AnyPipeline>);
+type PreparedCell = (Subject, Box<AnyPipeline>);
 
 impl RequestServer<'_> {
-    fn answer(&mut self, request: WorkerRequest) -> Result<Reply, Refusal> {
+    fn reply(&mut self, request: WorkerRequest) -> Result<Reply, Refusal> {
         if let WorkerRequest::Hello { clock, .. } = request {
             return self.hello(clock);
         }
@@ -148,7 +148,7 @@ impl RequestServer<'_> {
     fn hello(&mut self, clock: Option<ClockPlan>) -> Result<Reply, Refusal> {
         let gpu = Gpu::open(self.options)?;
         let clock = StageClock::new(&gpu, clock, MAX_PASSES)?;
-        let device = self.device.insert(Device { gpu, clock, prepared: BTreeMap::new() });
+        let device = self.device.insert(OpenDevice { gpu, clock, prepared: BTreeMap::new() });
         Ok(Reply::Hello(Box::new(Greeting {
             protocol: PROTOCOL,
             fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -162,7 +162,7 @@ impl RequestServer<'_> {
     }
 }
 
-impl Device {
+impl OpenDevice {
     fn prepare(
         &mut self,
         subjects: &mut Subjects,
@@ -174,7 +174,7 @@ impl Device {
         let pipeline = subject.build(&self.gpu)?;
         let stages = pipeline.stages();
         // A whole frame compiles the shaders and fills every stage's inputs.
-        self.clock.timer.untimed(&self.gpu, &stages)?;
+        self.clock.timer.run_stages(&self.gpu, &stages)?;
         let kinds = stages.iter().zip(self.clock.timer.kinds(&self.gpu, &stages)?);
         let kinds = kinds.map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
         let of_host = |subject: CellSubject| {
@@ -190,8 +190,8 @@ impl Device {
 
     fn sample(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
         let frames = checked(frames)?;
-        let subject = Subjected::find(&self.prepared, config, stage)?;
-        if let Subjected::Stage { before, stage } = &subject {
+        let subject = MeasuredWork::find(&self.prepared, config, stage)?;
+        if let MeasuredWork::Stage { before, stage } = &subject {
             return Ok(self.clock.sample(&self.gpu, before, stage, frames)?);
         }
         let timed = |_| {
@@ -204,10 +204,10 @@ impl Device {
     }
 
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
-        let (Subject { scene, .. }, pipeline) = known(&self.prepared, config)?;
+        let (Subject { scene, .. }, pipeline) = find_prepared(&self.prepared, config)?;
         let stages = pipeline.stages();
         let counted = gpu::count(&self.gpu, &stages, MAX_PASSES)?.unwrap_or_default();
-        self.clock.timer.untimed(&self.gpu, &stages)?;
+        self.clock.timer.run_stages(&self.gpu, &stages)?;
         let stages = stages.iter().map(|stage| {
             let counters = counted.iter().find(|counted| counted.name == stage.name());
             ExactStage {
@@ -222,8 +222,13 @@ impl Device {
             quantities: pipeline.quantities(&self.gpu)?,
             ..Exact::default()
         };
-        let mut known = Known::default();
-        match pipeline.judge(&mut Judge { gpu: &self.gpu, scene, known: &mut known, asked: &[] }) {
+        let mut known = ReferenceCache::default();
+        match pipeline.judge(&mut Judge {
+            gpu: &self.gpu,
+            scene,
+            references: &mut known,
+            requested: &[],
+        }) {
             Ok(judged) => {
                 exact.quantities.extend(judged.quantities);
                 exact.errors =
@@ -237,10 +242,10 @@ impl Device {
 
     fn instructions(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
         let frames = checked(frames)?;
-        let subject = Subjected::find(&self.prepared, config, stage)?;
+        let subject = MeasuredWork::find(&self.prepared, config, stage)?;
         valgrind::start_counting();
         // A frame that steadies it is not counted. Making a pipeline takes seconds under callgrind, and needs none.
-        if !matches!(subject, Subjected::Create(_)) {
+        if !matches!(subject, MeasuredWork::Create(_)) {
             subject.refill(&self.gpu, &mut self.clock.timer)?;
             subject.run(&self.gpu, &mut self.clock.timer)?;
         }
@@ -276,15 +281,14 @@ fn checked(frames: u32) -> Result<u32, Refusal> {
     }
 }
 
-fn known<'a>(
-    prepared: &'a BTreeMap<String, Prepared>,
+fn find_prepared<'a>(
+    prepared: &'a BTreeMap<String, PreparedCell>,
     config: &str,
-) -> Result<&'a Prepared, Refusal> {
+) -> Result<&'a PreparedCell, Refusal> {
     prepared.get(config).ok_or_else(|| Refusal::NotPrepared(config.to_owned()))
 }
 
-/// What a request asks to measure, as it is prepared.
-enum Subjected<'a> {
+enum MeasuredWork<'a> {
     Stage {
         /// What fills inputs that it spends.
         before: Vec<&'a Stage>,
@@ -294,13 +298,13 @@ enum Subjected<'a> {
     Create(&'a Subject),
 }
 
-impl<'a> Subjected<'a> {
+impl<'a> MeasuredWork<'a> {
     fn find(
-        prepared: &'a BTreeMap<String, Prepared>,
+        prepared: &'a BTreeMap<String, PreparedCell>,
         config: &str,
         name: &str,
     ) -> Result<Self, Refusal> {
-        let (subject, pipeline) = known(prepared, config)?;
+        let (subject, pipeline) = find_prepared(prepared, config)?;
         let stages = pipeline.stages();
         let find = |name: &str| {
             let found = stages.iter().find(|present| present.name() == name);
@@ -310,10 +314,10 @@ impl<'a> Subjected<'a> {
                 present: stages.iter().map(|stage| stage.name()).collect::<Vec<_>>().join(", "),
             })
         };
-        Ok(match CellSubject::of(name) {
+        Ok(match CellSubject::parse(name) {
             CellSubject::Stage(name) => {
                 let stage = find(name)?;
-                Self::Stage { before: gpu::refilling(&stages, stage), stage }
+                Self::Stage { before: gpu::stages_before(&stages, stage), stage }
             }
             CellSubject::Encode(stage) => Self::Encode(find(stage)?),
             CellSubject::Create => Self::Create(subject),
@@ -324,7 +328,7 @@ impl<'a> Subjected<'a> {
     fn refill(&self, gpu: &Gpu, timer: &mut FrameTimer) -> Result<bool, GpuError> {
         match self {
             Self::Stage { before, .. } if !before.is_empty() => {
-                timer.untimed(gpu, before)?;
+                timer.run_stages(gpu, before)?;
                 Ok(true)
             }
             _ => Ok(false),
@@ -334,10 +338,10 @@ impl<'a> Subjected<'a> {
     /// Does it once.
     fn run(&self, gpu: &Gpu, timer: &mut FrameTimer) -> Result<(), GpuError> {
         match self {
-            Self::Stage { stage, .. } => timer.untimed(gpu, &[*stage]).map(drop)?,
+            Self::Stage { stage, .. } => timer.run_stages(gpu, &[*stage]).map(drop)?,
             Self::Encode(stage) => timer.encode(gpu, &[*stage])?,
             Self::Create(subject) => {
-                gpu.forget_pipelines();
+                gpu.drop_pipelines();
                 drop(subject.build(gpu)?);
             }
         }

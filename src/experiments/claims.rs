@@ -25,14 +25,14 @@ use indexmap::IndexMap;
 use serde_json::{Map, Value};
 use strum::Display;
 
-use self::comparison::{Comparison, Judgement};
+use self::comparison::{BoundCheck, Judgement};
 use super::expand::label_text;
-use super::measure::{self, Measure, Reading};
+use super::measure::{self, Measure, Quantity};
 use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, Test};
 use fathom_base::statistics;
 use fathom_record::{Cell, NoteKind};
 
-pub use balance::Scale;
+pub use balance::SizeRatios;
 pub use comparison::{NO_VISIT, RuledFigure};
 pub use fits::{Scaling, scaling};
 
@@ -43,9 +43,8 @@ const ALPHA: f64 = statistics::ALPHA / LOOKS as f64;
 /// Chance with which a claim is supported whose figure lies exactly at a bound: one side of the intervals of all looks.
 pub const CHANCE: f64 = statistics::ALPHA / 2.0;
 
-/// Samples that a verdict needs at least.
-pub fn least_samples() -> usize {
-    statistics::least_samples(ALPHA)
+pub fn min_samples() -> usize {
+    statistics::min_samples(ALPHA)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Display)]
@@ -66,9 +65,8 @@ impl Verdict {
     }
 }
 
-/// Whose sentence a claim is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Display)]
-pub enum Whose {
+pub enum ClaimOrigin {
     #[strum(to_string = "claims of the papers")]
     Publication,
     /// Of this project, or of a user.
@@ -76,14 +74,14 @@ pub enum Whose {
     Own,
 }
 
-impl Whose {
-    pub const ALL: [Whose; 2] = [Whose::Publication, Whose::Own];
+impl ClaimOrigin {
+    pub const ALL: [ClaimOrigin; 2] = [ClaimOrigin::Publication, ClaimOrigin::Own];
 
     /// As a heading.
     pub fn title(self) -> &'static str {
         match self {
-            Whose::Publication => "Claims of the papers",
-            Whose::Own => "Own hypotheses",
+            ClaimOrigin::Publication => "Claims of the papers",
+            ClaimOrigin::Own => "Own hypotheses",
         }
     }
 }
@@ -93,7 +91,7 @@ impl Whose {
 pub struct Ruling {
     pub id: String,
     pub text: String,
-    pub whose: Whose,
+    pub origin: ClaimOrigin,
     pub verdict: Verdict,
     /// The publication prints no number that the figures are held against.
     pub has_own_bound: bool,
@@ -110,7 +108,7 @@ pub struct Ruling {
     /// The publication's value of these figures, where it gives one.
     pub published: Option<f64>,
     /// The sizes that were tested, where the claim asks for the publication's balance.
-    pub scale: Option<Scale>,
+    pub scale: Option<SizeRatios>,
 }
 
 impl Ruling {
@@ -119,7 +117,7 @@ impl Ruling {
         Ruling {
             id: claim.id.clone(),
             text: claim.text.clone(),
-            whose: claim.whose(),
+            origin: claim.origin(),
             verdict: Verdict::NotRun,
             has_own_bound: !claim.has_printed_bound(),
             is_quick: false,
@@ -149,10 +147,10 @@ impl Ruling {
 }
 
 /// Comparisons that a test asks for, or why it cannot be run.
-type Tested = Result<Vec<Comparison>, String>;
+type Tested = Result<Vec<BoundCheck>, String>;
 
 /// Groups of cells that a claim is tested on; nobody reads the findings of more.
-const MOST_GROUPS: usize = 200;
+const MAX_GROUPS: usize = 200;
 
 impl Experiment {
     /// Rules on every claim. `software`: the cells were measured on a software driver, so that absolute times do not count.
@@ -161,14 +159,14 @@ impl Experiment {
     }
 
     /// Which claims are settled by these cells, and which are open.
-    pub fn standing<'a>(&self, cells: &[&'a Cell], software: bool) -> Standing<'a> {
-        let mut standing = Standing::default();
+    pub fn standing<'a>(&self, cells: &[&'a Cell], software: bool) -> ClaimProgress<'a> {
+        let mut standing = ClaimProgress::default();
         for claim in &self.claim {
             let ruling = self.rule(claim, cells, software);
             match ruling.verdict {
                 verdict if verdict.is_settled() => standing.settled += 1,
                 verdict if verdict < Verdict::NotRun && ruling.n.is_some() => {
-                    let cells = concerned(claim, cells).into_iter();
+                    let cells = claimed_cells(claim, cells).into_iter();
                     standing.open.push(cells.map(|cell| cell.cell.as_str()).collect());
                 }
                 _ => {}
@@ -178,17 +176,15 @@ impl Experiment {
     }
 }
 
-/// How far the claims of an experiment are.
 #[derive(Debug, Default)]
-pub struct Standing<'a> {
+pub struct ClaimProgress<'a> {
     /// Claims that are supported or contradicted.
     pub settled: usize,
     /// Of each claim that is open the names of the cells whose further samples could settle it.
     pub open: Vec<Vec<&'a str>>,
 }
 
-/// The cells that a claim speaks of.
-pub fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
+pub fn claimed_cells<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
     let of_test = |cell: &Cell| match &claim.test {
         Test::Ratio { over, numerator, denominator, .. } => {
             let label = cell.axes.get(over);
@@ -204,8 +200,8 @@ pub fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
 }
 
 /// The sets of cells whose times a claim holds against each other, each in the order of its axis. None where it asks for no time.
-pub(super) fn compared<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&'a Cell>> {
-    let concerned = concerned(claim, cells);
+pub(super) fn compared_cells<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&'a Cell>> {
+    let concerned = claimed_cells(claim, cells);
     match (&claim.test, claim.test.over()) {
         _ if !claim.test.y().reads_times() => Vec::new(),
         (Test::NoWorse { of, than, .. }, _) => {
@@ -222,7 +218,7 @@ impl Experiment {
         if let Some(reason) = &claim.not_run {
             return Ruling::not_run(claim, reason.clone());
         }
-        let cells = concerned(claim, all);
+        let cells = claimed_cells(claim, all);
         let runs_it = |cell: &&Cell| measure::follows(cell, &claim.method);
         if !claim.method.is_empty() && !all.iter().any(runs_it) {
             return Ruling::not_run(claim, "no cell runs the publication's method".to_owned());
@@ -233,10 +229,10 @@ impl Experiment {
         };
         let mut scales = Vec::new();
         let (mut comparisons, mut not_run) = (Vec::new(), Vec::new());
-        for Group { prefix, cells } in groups {
+        for CellGroup { prefix, cells } in groups {
             let missing = not_computed(&claim.test, &cells);
             let balanced = match claim.balance {
-                Some(Balance::Published) => balance::of(&self.balance, &claim.test, cells),
+                Some(Balance::Published) => balance::select(&self.balance, &claim.test, cells),
                 Some(Balance::Free(_)) | None => Ok((cells, None)),
             };
             let tested = balanced
@@ -249,12 +245,12 @@ impl Experiment {
                 Err(reason) => not_run.push(prefix + missing.as_ref().unwrap_or(&reason)),
             }
         }
-        let n = comparisons.iter().filter_map(Comparison::n).min();
+        let n = comparisons.iter().filter_map(BoundCheck::n).min();
         match comparison::judge(&comparisons, !claim.has_printed_bound()) {
             Some(Judgement { verdict, reason, deciding, others })
                 if not_run.is_empty() || verdict < Verdict::NotRun =>
             {
-                let scale = Scale::join(&scales);
+                let scale = SizeRatios::join(&scales);
                 let cause = cause(claim, verdict, software);
                 let reason = cause.map_or(reason.clone(), |cause| format!("{reason}. {cause}"));
                 Ruling { verdict, n, deciding, others, scale, ..Ruling::not_run(claim, reason) }
@@ -285,30 +281,30 @@ fn cause(claim: &Claim, verdict: Verdict, software: bool) -> Option<String> {
 }
 
 /// Cells that are tested together: those that differ in the test's axis only, or all where it has none.
-struct Group<'a> {
+struct CellGroup<'a> {
     /// What they have in common, before the name of each figure; empty where there is one group.
     prefix: String,
     cells: Vec<&'a Cell>,
 }
 
-fn groups_of<'a>(test: &Test, cells: &[&'a Cell]) -> Result<Vec<Group<'a>>, String> {
+fn groups_of<'a>(test: &Test, cells: &[&'a Cell]) -> Result<Vec<CellGroup<'a>>, String> {
     let Some(over) = test.over() else {
-        return Ok(vec![Group { prefix: String::new(), cells: cells.to_vec() }]);
+        return Ok(vec![CellGroup { prefix: String::new(), cells: cells.to_vec() }]);
     };
     let groups = groups(cells, over);
     if groups.is_empty() {
         return Err(format!("no cell along `{over}`"));
     }
-    if groups.len() > MOST_GROUPS {
+    if groups.len() > MAX_GROUPS {
         return Err(format!(
-            "{} groups of cells along `{over}` are more than the {MOST_GROUPS} that are tested: use `where`",
+            "{} groups of cells along `{over}` are more than the {MAX_GROUPS} that are tested: use `where`",
             groups.len()
         ));
     }
     let several = groups.len() > 1;
     let named = groups.into_iter().map(|(name, cells)| {
         let prefix = if several { format!("{name}: ") } else { String::new() };
-        Group { prefix, cells }
+        CellGroup { prefix, cells }
     });
     Ok(named.collect())
 }
@@ -362,18 +358,18 @@ fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {
 }
 
 /// The value in a cell, where it was measured and is not negative: a rate may be 0.
-fn read(y: &Measure, cell: &Cell) -> Option<Reading> {
+fn read(y: &Measure, cell: &Cell) -> Option<Quantity> {
     let reading = y.read(cell, cell.measured()?)?;
     let median = reading.median();
     (median >= 0.0 && median.is_finite()).then_some(reading)
 }
 
 /// The same where it is positive.
-fn read_positive(y: &Measure, cell: &Cell) -> Option<Reading> {
+fn read_positive(y: &Measure, cell: &Cell) -> Option<Quantity> {
     read(y, cell).filter(|reading| reading.median() > 0.0)
 }
 
-fn in_ms(ns: f64) -> String {
+fn format_ms(ns: f64) -> String {
     format!("{:.3} ms", ns * 1e-6)
 }
 

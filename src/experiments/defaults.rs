@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use super::{CellPlan, flatten};
 
 /// What the distance of a cell from the defaults is read from.
-pub struct Choice<'a> {
+pub struct CellSettings<'a> {
     /// It is a cell of a sweep.
     pub swept: bool,
     /// Parameters that its plan sets; none where no plan has it.
@@ -22,8 +22,8 @@ pub struct Choice<'a> {
 pub type Distance = (bool, usize, usize);
 
 /// Distances of the cells of one pipeline.
-pub fn distances(cells: &[Choice<'_>]) -> Vec<Distance> {
-    let settings = |cell: &Choice<'_>| -> Vec<(String, String)> {
+pub fn distances(cells: &[CellSettings<'_>]) -> Vec<Distance> {
+    let settings = |cell: &CellSettings<'_>| -> Vec<(String, String)> {
         let scene = ("scene".to_owned(), cell.scene.into());
         let all = flatten(&cell.params).into_iter().chain([scene]);
         all.map(|(path, value)| (path, value.to_string())).collect()
@@ -37,7 +37,7 @@ pub fn distances(cells: &[Choice<'_>]) -> Vec<Distance> {
     }
     let is_unusual = |entry: &&(String, String)| counts[*entry] < most[entry.0.as_str()];
     let unusual = all.iter().map(|settings| settings.iter().filter(is_unusual).count());
-    let distance = |(cell, unusual): (&Choice<'_>, usize)| {
+    let distance = |(cell, unusual): (&CellSettings<'_>, usize)| {
         (cell.swept, cell.settings.unwrap_or(usize::MAX), unusual)
     };
     cells.iter().zip(unusual).map(distance).collect()

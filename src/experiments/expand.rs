@@ -186,7 +186,7 @@ impl Axis {
         self.parse(value).is_ok_and(|value| value.set.iter().any(|(_, value)| is_name(value)))
     }
 
-    fn of(&self, profile: Profile) -> &[Value] {
+    fn values_of(&self, profile: Profile) -> &[Value] {
         let own = match profile {
             Profile::Quick => &self.quick,
             Profile::Paper => &self.paper,
@@ -304,7 +304,7 @@ impl Experiment {
         sets: &[(String, Value)],
     ) -> Result<(), ExperimentError> {
         for axis in self.axes() {
-            for value in axis.of(profile) {
+            for value in axis.values_of(profile) {
                 let parsed = self.of_axis(axis, axis.parse(value))?;
                 let mut swept = parsed.set.iter().map(|(path, _)| path);
                 if let Some(path) = swept.find(|path| sets.iter().any(|(set, _)| set == *path)) {
@@ -336,7 +336,7 @@ impl Experiment {
             let chosen = axis_overrides.iter().find(|(name, _)| *name == axis.name);
             let values: Result<Vec<AxisValue>, String> = match chosen {
                 Some((_, texts)) => texts.iter().map(|text| axis.choose(text)).collect(),
-                None => axis.of(profile).iter().map(|value| axis.parse(value)).collect(),
+                None => axis.values_of(profile).iter().map(|value| axis.parse(value)).collect(),
             };
             axes.push((axis, self.of_axis(axis, values)?));
         }

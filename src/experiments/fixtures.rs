@@ -241,7 +241,7 @@ fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
 }
 
 pub fn timed(stage: &str, clock: Clock, samples_ns: Vec<f64>, work: Work) -> StageRecord {
-    StageRecord { work, ..StageRecord::of(stage, clock, samples_ns) }
+    StageRecord { work, ..StageRecord::new(stage, clock, samples_ns) }
 }
 
 /// Root of the product of the cell's numbers on its axes.

@@ -27,7 +27,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Value};
 
 use crate::expand::flatten;
-use crate::words::{self, Label, Unit};
+use crate::words::{self, FigureUnit, Label};
 use fathom_base::statistics;
 use fathom_record::{Cell, Estimate, Interval, Measured, StageRecord, Work};
 
@@ -78,30 +78,30 @@ impl fmt::Display for StageName {
 
 /// The value of a measure in a cell.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Reading {
+pub enum Quantity {
     /// Set, counted, or computed over everything there is: it has no samples.
     Exact(f64),
     /// A value for each round of sampling or for each repetition.
-    Sampled(Vec<Sample>),
+    Sampled(Vec<RoundSample>),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub struct RoundSample {
     /// The visit that it belongs to: cells that a claim compares are visited together, and their samples have one number.
     pub round: u32,
     pub value: f64,
 }
 
-impl Reading {
-    fn of(rounds: &[u32], values: &[f64]) -> Reading {
+impl Quantity {
+    fn from_rounds(rounds: &[u32], values: &[f64]) -> Quantity {
         let samples = rounds.iter().zip(values);
-        Reading::Sampled(samples.map(|(&round, &value)| Sample { round, value }).collect())
+        Quantity::Sampled(samples.map(|(&round, &value)| RoundSample { round, value }).collect())
     }
 
     pub fn median(&self) -> f64 {
         match self {
-            Reading::Exact(value) => *value,
-            Reading::Sampled(_) => statistics::median(&self.values()),
+            Quantity::Exact(value) => *value,
+            Quantity::Sampled(_) => statistics::median(&self.values()),
         }
     }
 
@@ -112,49 +112,50 @@ impl Reading {
 
     pub fn values(&self) -> Vec<f64> {
         match self {
-            Reading::Exact(value) => vec![*value],
-            Reading::Sampled(samples) => samples.iter().map(|sample| sample.value).collect(),
+            Quantity::Exact(value) => vec![*value],
+            Quantity::Sampled(samples) => samples.iter().map(|sample| sample.value).collect(),
         }
     }
 
     /// Samples; none where the figure is exact.
     pub fn n(&self) -> Option<usize> {
         match self {
-            Reading::Exact(_) => None,
-            Reading::Sampled(samples) => Some(samples.len()),
+            Quantity::Exact(_) => None,
+            Quantity::Sampled(samples) => Some(samples.len()),
         }
     }
 
     /// Of the same visit in both, where both are sampled.
-    pub fn with(&self, other: &Reading, join: impl Fn(f64, f64) -> f64) -> Reading {
+    pub fn with(&self, other: &Quantity, join: impl Fn(f64, f64) -> f64) -> Quantity {
         match (self, other) {
-            (Reading::Exact(a), Reading::Exact(b)) => Reading::Exact(join(*a, *b)),
-            (Reading::Exact(a), b) => b.map(|b| join(*a, b)),
-            (a, Reading::Exact(b)) => a.map(|a| join(a, *b)),
-            (Reading::Sampled(a), Reading::Sampled(b)) => {
+            (Quantity::Exact(a), Quantity::Exact(b)) => Quantity::Exact(join(*a, *b)),
+            (Quantity::Exact(a), b) => b.map(|b| join(*a, b)),
+            (a, Quantity::Exact(b)) => a.map(|a| join(a, *b)),
+            (Quantity::Sampled(a), Quantity::Sampled(b)) => {
                 let of_round: HashMap<u32, f64> = b.iter().map(|s| (s.round, s.value)).collect();
-                let joined = a.iter().filter_map(|Sample { round, value }| {
+                let joined = a.iter().filter_map(|RoundSample { round, value }| {
                     let value = join(*value, *of_round.get(round)?);
-                    Some(Sample { round: *round, value })
+                    Some(RoundSample { round: *round, value })
                 });
-                Reading::Sampled(joined.collect())
+                Quantity::Sampled(joined.collect())
             }
         }
     }
 
-    pub fn map(&self, change: impl Fn(f64) -> f64) -> Reading {
+    pub fn map(&self, change: impl Fn(f64) -> f64) -> Quantity {
         match self {
-            Reading::Exact(value) => Reading::Exact(change(*value)),
-            Reading::Sampled(samples) => {
+            Quantity::Exact(value) => Quantity::Exact(change(*value)),
+            Quantity::Sampled(samples) => {
                 let changed = samples.iter();
-                let changed = changed.map(|s| Sample { round: s.round, value: change(s.value) });
-                Reading::Sampled(changed.collect())
+                let changed =
+                    changed.map(|s| RoundSample { round: s.round, value: change(s.value) });
+                Quantity::Sampled(changed.collect())
             }
         }
     }
 
     /// Paired by visit: the two samples of a visit are one sample of the ratio.
-    pub fn over(&self, other: &Reading) -> Reading {
+    pub fn ratio_to(&self, other: &Quantity) -> Quantity {
         self.with(other, |a, b| a / b)
     }
 }
@@ -248,8 +249,8 @@ impl Measure {
     pub fn label(&self) -> Label {
         let unit = match self.only() {
             Some(term) => term.label().unit,
-            None if self.is_time() => Unit::Milliseconds,
-            None => Unit::One,
+            None if self.is_time() => FigureUnit::Milliseconds,
+            None => FigureUnit::One,
         };
         Label::new(self.to_string(), unit)
     }
@@ -316,15 +317,15 @@ impl Measure {
     }
 
     /// The value in a measured cell; none where the cell lacks it.
-    pub fn read(&self, cell: &Cell, measured: &Measured) -> Option<Reading> {
+    pub fn read(&self, cell: &Cell, measured: &Measured) -> Option<Quantity> {
         let product = |terms: &[Term]| {
             let mut factors = terms.iter().map(|term| term.read(cell, measured));
-            let join = |product: Reading, factor: Option<Reading>| {
+            let join = |product: Quantity, factor: Option<Quantity>| {
                 Some(product.with(&factor?, |a, b| a * b))
             };
-            factors.try_fold(Reading::Exact(1.0), join)
+            factors.try_fold(Quantity::Exact(1.0), join)
         };
-        Some(product(&self.terms)?.over(&product(&self.per)?))
+        Some(product(&self.terms)?.ratio_to(&product(&self.per)?))
     }
 }
 
@@ -333,71 +334,72 @@ impl Term {
         match self {
             Term::Stages(names) => match names.as_slice() {
                 [family @ StageName::Family(_)] => {
-                    Label::new(format!("all {family} stages"), Unit::Milliseconds)
+                    Label::new(format!("all {family} stages"), FigureUnit::Milliseconds)
                 }
-                names => {
-                    Label::new(format!("{} time", names.iter().join(" or ")), Unit::Milliseconds)
-                }
+                names => Label::new(
+                    format!("{} time", names.iter().join(" or ")),
+                    FigureUnit::Milliseconds,
+                ),
             },
-            Term::Frame => Label::new("frame time", Unit::Milliseconds),
-            Term::Fps => Label::new("frame rate", Unit::FramesPerSecond),
+            Term::Frame => Label::new("frame time", FigureUnit::Milliseconds),
+            Term::Fps => Label::new("frame rate", FigureUnit::FramesPerSecond),
             Term::Work(stage, name) => {
-                Label::new(format!("{} of {stage}", name.replace('_', " ")), Unit::One)
+                Label::new(format!("{} of {stage}", name.replace('_', " ")), FigureUnit::One)
             }
             Term::Param(name) | Term::Axis(name) => words::parameter(name),
             Term::Quantity(name) => words::figure(name),
-            Term::AllocatedBytes => Label::new("memory allocated", Unit::Mebibytes),
+            Term::AllocatedBytes => Label::new("memory allocated", FigureUnit::Mebibytes),
         }
     }
 
-    fn read(&self, cell: &Cell, measured: &Measured) -> Option<Reading> {
+    fn read(&self, cell: &Cell, measured: &Measured) -> Option<Quantity> {
         let frame = &measured.frame;
         let stage = |name: &StageName| measured.stages.iter().find(|s| name.covers(&s.stage));
         match self {
             Term::Stages(names) => stage_time(names, measured),
             Term::Frame if frame.untimed_samples_ns.is_empty() => None,
-            Term::Frame => Some(Reading::of(&frame.rounds, &frame.untimed_samples_ns)),
+            Term::Frame => Some(Quantity::from_rounds(&frame.rounds, &frame.untimed_samples_ns)),
             Term::Fps => Some(Term::Frame.read(cell, measured)?.map(|ns| 1e9 / ns)),
             Term::Work(name, count) => {
                 let mut counts = stage(name)?.work.fields().into_iter();
                 let (_, count) = counts.find(|(known, _)| known == count)?;
-                (count > 0).then_some(Reading::Exact(count as f64))
+                (count > 0).then_some(Quantity::Exact(count as f64))
             }
-            Term::Param(path) => number(cell.params.lookup(path)?).map(Reading::Exact),
-            Term::Axis(name) => number(cell.axes.get(name)?).map(Reading::Exact),
+            Term::Param(path) => number(cell.params.lookup(path)?).map(Quantity::Exact),
+            Term::Axis(name) => number(cell.axes.get(name)?).map(Quantity::Exact),
             Term::Quantity(name) => quantity(name, measured),
-            Term::AllocatedBytes => Some(Reading::Exact(measured.allocated_bytes as f64)),
+            Term::AllocatedBytes => Some(Quantity::Exact(measured.allocated_bytes as f64)),
         }
     }
 }
 
 /// A repeated quantity has a value for each repetition; any other is exact.
-fn quantity(name: &str, measured: &Measured) -> Option<Reading> {
+fn quantity(name: &str, measured: &Measured) -> Option<Quantity> {
     match measured.repeated.get(name) {
         Some(values) => {
             let repetitions: Vec<u32> = (0..values.len() as u32).collect();
-            Some(Reading::of(&repetitions, values))
+            Some(Quantity::from_rounds(&repetitions, values))
         }
-        None => measured.figures().get(name).copied().map(Reading::Exact),
+        None => measured.figures().get(name).copied().map(Quantity::Exact),
     }
 }
 
 /// Time of the named stages, summed frame by frame; none where none of them ran, and where it is below the clock's
 /// resolution.
-fn stage_time(names: &[StageName], measured: &Measured) -> Option<Reading> {
+fn stage_time(names: &[StageName], measured: &Measured) -> Option<Quantity> {
     let wanted = |stage: &&StageRecord| names.iter().any(|name| name.covers(&stage.stage));
     let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
     let rounds = &measured.frame.rounds;
     if let [stage] = stages.as_slice() {
         let resolved = !stage.samples_ns.is_empty() && stage.is_resolved();
-        return resolved.then(|| Reading::of(rounds, &stage.samples_ns));
+        return resolved.then(|| Quantity::from_rounds(rounds, &stage.samples_ns));
     }
     let differences: Vec<Vec<f64>> = stages.iter().map(|s| s.differences_ns()).collect();
     let frames = differences.iter().map(Vec::len).min().filter(|frames| *frames > 0)?;
     let resolution_ns = stages.iter().map(|s| s.resolution_ns().powi(2)).sum::<f64>().sqrt();
     let sum = |frame: usize| differences.iter().map(|ns| ns[frame]).sum::<f64>();
     let sums: Vec<f64> = (0..frames).map(|frame| sum(frame).max(resolution_ns)).collect();
-    let reading = Reading::of(rounds, &sums);
+    let reading = Quantity::from_rounds(rounds, &sums);
     (reading.median() > resolution_ns).then_some(reading)
 }
 

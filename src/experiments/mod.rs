@@ -21,13 +21,13 @@ use fathom_base::input;
 use fathom_base::text::{did_you_mean, line};
 
 pub use claims::{
-    CHANCE, LOOKS, NO_VISIT, RuledFigure, Ruling, Scale, Scaling, Standing, Verdict, Whose,
-    concerned, groups, least_samples, scaling,
+    CHANCE, ClaimOrigin, ClaimProgress, LOOKS, NO_VISIT, RuledFigure, Ruling, Scaling, SizeRatios,
+    Verdict, claimed_cells, groups, min_samples, scaling,
 };
 pub use expand::{
     CellPlan, MAX_CELLS, ReferencePlan, RepetitionPlan, flatten, label_text, parse_axis, parse_set,
 };
-pub use measure::{Measure, Reading, Sample, StageName, fits, fps, same};
+pub use measure::{Measure, Quantity, RoundSample, StageName, fits, fps, same};
 pub use schema::Experiment;
 
 /// What is wrong with an experiment, or with what was asked of it: one line.
@@ -37,7 +37,7 @@ pub struct ExperimentError(String);
 
 impl ExperimentError {
     /// A fault of the experiment of this name, or in this file.
-    pub fn of(name: &str, fault: &str) -> Self {
+    pub fn new(name: &str, fault: &str) -> Self {
         Self(format!("experiment `{name}`: {}", line(fault)))
     }
 }
@@ -45,7 +45,7 @@ impl ExperimentError {
 impl Experiment {
     /// Names of the built-in experiments, in alphabetical order.
     pub fn builtin_ids() -> Vec<String> {
-        Experiment::ids(&Folders::of(EXPERIMENTS))
+        Experiment::ids(&Folders::new(EXPERIMENTS))
     }
 
     pub fn builtin_text(id: &str) -> Option<String> {
@@ -54,7 +54,7 @@ impl Experiment {
 
     /// Loads a built-in experiment by its id, or a file by its path (a name that ends in `.toml` or holds a separator).
     pub fn load(id_or_path: &str) -> Result<Experiment, ExperimentError> {
-        Experiment::load_from(&Folders::of(EXPERIMENTS), id_or_path)
+        Experiment::load_from(&Folders::new(EXPERIMENTS), id_or_path)
     }
 
     /// Names of the experiments in these folders, in alphabetical order.

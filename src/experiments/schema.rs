@@ -184,15 +184,14 @@ pub struct Repetitions {
     /// Parameters that are a place in the unit square, `[x, y]`. Each repetition takes another place, the same for all of them.
     pub vary: Vec<String>,
     /// What makes the cell dense: its own settings are kept, so that a filtered cell has a filtered limit.
-    pub limit: Limit,
+    pub limit: DenseRun,
     /// What is compared.
     pub output: Vec<RepeatedOutput>,
 }
 
-/// Parameters of the dense run.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Limit {
+pub struct DenseRun {
     #[serde(default)]
     pub params: Map<String, Value>,
     #[serde(default)]
@@ -259,7 +258,7 @@ pub enum Pictures {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Comparison {
+pub enum Relation {
     AtLeast,
     About,
     Range,
@@ -273,7 +272,7 @@ pub struct Published {
     /// Axis or parameter → value; all must hold. Cells at other sizes are not compared.
     #[serde(default, rename = "where")]
     pub filter: Map<String, Value>,
-    pub comparison: Comparison,
+    pub comparison: Relation,
     /// Frames per second; the lower end of a range.
     pub fps: f64,
     /// The upper end of a range.
@@ -328,9 +327,9 @@ impl Published {
     /// `> 110`, `20 – 30` or `about 20`.
     pub fn figure(&self) -> String {
         match (self.comparison, self.fps_high) {
-            (Comparison::AtLeast, _) => format!("> {}", self.fps),
-            (Comparison::Range, Some(high)) => format!("{} – {high}", self.fps),
-            (Comparison::About | Comparison::Range, _) => format!("about {}", self.fps),
+            (Relation::AtLeast, _) => format!("> {}", self.fps),
+            (Relation::Range, Some(high)) => format!("{} – {high}", self.fps),
+            (Relation::About | Relation::Range, _) => format!("about {}", self.fps),
         }
     }
 
@@ -343,7 +342,7 @@ impl Published {
 impl Experiment {
     /// Parses and checks an experiment's text; `name` stands in errors.
     pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
-        let invalid = |fault: String| ExperimentError::of(name, &fault);
+        let invalid = |fault: String| ExperimentError::new(name, &fault);
         let parsed = toml::from_str(text).map_err(|error| invalid(one_line(&error, text)));
         let mut experiment = Experiment { text: text.to_owned(), ..parsed? };
         experiment.check().map_err(invalid)?;
@@ -396,7 +395,7 @@ impl Experiment {
             repetitions.check()?;
         }
         for published in &self.published {
-            if published.comparison == Comparison::Range && published.fps_high.is_none() {
+            if published.comparison == Relation::Range && published.fps_high.is_none() {
                 return Err("a published range needs fps_high".to_owned());
             }
             if !(published.fps.is_finite() && published.fps > 0.0) {

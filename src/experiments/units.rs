@@ -4,7 +4,7 @@ use indexmap::{IndexMap, IndexSet};
 use itertools::Itertools;
 use serde_json::{Map, Value};
 
-use super::claims::{by_other_axes, compared};
+use super::claims::{by_other_axes, compared_cells};
 use super::measure::fits_with;
 use super::schema::{Claim, Experiment, PlotKind};
 use super::{CellPlan, schema::Plot};
@@ -14,7 +14,7 @@ impl Experiment {
     /// Splits cells of this experiment into groups that nothing compares: no claim speaks of cells of two groups, and no line or
     /// ratio of a plot joins them. Indices into `plans`, in their order.
     pub fn units(&self, plans: &[CellPlan]) -> Vec<Vec<usize>> {
-        let mut sets = Sets::new(plans.len());
+        let mut sets = DisjointSets::new(plans.len());
         for claim in &self.claim {
             sets.join(fitting(plans, &claim.filter));
         }
@@ -44,7 +44,7 @@ impl Experiment {
     /// a sweep, as far as both have a side free. Indices into `cells`, which may be without results.
     pub fn chains(&self, cells: &[&Cell]) -> Vec<Vec<usize>> {
         let names: IndexSet<&str> = cells.iter().map(|cell| cell.cell.as_str()).collect();
-        let sets = self.claim.iter().flat_map(|claim| compared(claim, cells));
+        let sets = self.claim.iter().flat_map(|claim| compared_cells(claim, cells));
         let links: Vec<[usize; 2]> = sets
             .sorted_by_key(Vec::len)
             .flat_map(|set| set.into_iter().tuple_windows().collect_vec())
@@ -101,9 +101,9 @@ fn fitting(plans: &[CellPlan], filter: &Map<String, Value>) -> Vec<usize> {
 }
 
 /// Disjoint sets of the numbers below a count, each with its least member as its name.
-struct Sets(Vec<usize>);
+struct DisjointSets(Vec<usize>);
 
-impl Sets {
+impl DisjointSets {
     fn new(count: usize) -> Self {
         Self((0..count).collect())
     }

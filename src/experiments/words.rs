@@ -3,9 +3,8 @@
 //! Keys of records are identifiers such as `caustics_unconverged_rate`. Known ones have words in a table here; others, such as a
 //! user's own, are read by their parts.
 
-/// What a figure is shown in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
+pub enum FigureUnit {
     /// A count, a ratio, or an error of something without a unit.
     One,
     /// Of a share, 0 … 1 in the record.
@@ -21,34 +20,34 @@ pub enum Unit {
     FramesPerSecond,
 }
 
-impl Unit {
+impl FigureUnit {
     /// Empty where there is none.
     pub fn symbol(self) -> &'static str {
         match self {
-            Unit::One => "",
-            Unit::Percent => "%",
-            Unit::Metres => "m",
-            Unit::Degrees => "°",
-            Unit::Pixels => "px",
-            Unit::Voxels => "voxels",
-            Unit::Mebibytes => "MiB",
-            Unit::Milliseconds => "ms",
-            Unit::FramesPerSecond => "frames/s",
+            FigureUnit::One => "",
+            FigureUnit::Percent => "%",
+            FigureUnit::Metres => "m",
+            FigureUnit::Degrees => "°",
+            FigureUnit::Pixels => "px",
+            FigureUnit::Voxels => "voxels",
+            FigureUnit::Mebibytes => "MiB",
+            FigureUnit::Milliseconds => "ms",
+            FigureUnit::FramesPerSecond => "frames/s",
         }
     }
 
     /// From the value in the record to the value shown.
     pub fn factor(self) -> f64 {
         match self {
-            Unit::Percent => 100.0,
-            Unit::Mebibytes => 1.0 / f64::from(1 << 20),
-            Unit::Milliseconds => 1e-6,
-            Unit::One
-            | Unit::Metres
-            | Unit::Degrees
-            | Unit::Pixels
-            | Unit::Voxels
-            | Unit::FramesPerSecond => 1.0,
+            FigureUnit::Percent => 100.0,
+            FigureUnit::Mebibytes => 1.0 / f64::from(1 << 20),
+            FigureUnit::Milliseconds => 1e-6,
+            FigureUnit::One
+            | FigureUnit::Metres
+            | FigureUnit::Degrees
+            | FigureUnit::Pixels
+            | FigureUnit::Voxels
+            | FigureUnit::FramesPerSecond => 1.0,
         }
     }
 }
@@ -57,11 +56,11 @@ impl Unit {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
     pub words: String,
-    pub unit: Unit,
+    pub unit: FigureUnit,
 }
 
 impl Label {
-    pub fn new(words: impl Into<String>, unit: Unit) -> Label {
+    pub fn new(words: impl Into<String>, unit: FigureUnit) -> Label {
         Label { words: words.into(), unit }
     }
 
@@ -76,12 +75,12 @@ impl Label {
 
 /// Label of a quantity or error by its name in records.
 pub fn figure(name: &str) -> Label {
-    known(FIGURES, name).unwrap_or_else(|| read(name))
+    find_label(FIGURES, name).unwrap_or_else(|| read(name))
 }
 
 /// Label of a parameter by its dotted path, or of an axis by its name.
 pub fn parameter(path: &str) -> Label {
-    known(PARAMETERS, path).unwrap_or_else(|| read(&path.replace('.', "_")))
+    find_label(PARAMETERS, path).unwrap_or_else(|| read(&path.replace('.', "_")))
 }
 
 /// `line width of godrays (px)` of `godrays.line_width_px`.
@@ -89,12 +88,12 @@ pub fn parameter_label(path: &str) -> String {
     parameter(path).text()
 }
 
-use Unit::{Degrees, Mebibytes, Metres, Milliseconds, One, Percent, Pixels, Voxels};
+use FigureUnit::{Degrees, Mebibytes, Metres, Milliseconds, One, Percent, Pixels, Voxels};
 
-type Entry = (&'static str, &'static str, Unit);
+type LabelEntry = (&'static str, &'static str, FigureUnit);
 
 /// By its entry, or by that of what comes before its end.
-fn known(table: &[Entry], name: &str) -> Option<Label> {
+fn find_label(table: &[LabelEntry], name: &str) -> Option<Label> {
     let entry = |name: &str| table.iter().find(|(known, ..)| *known == name);
     if let Some((_, words, unit)) = entry(name) {
         return Some(Label::new(*words, *unit));
@@ -106,7 +105,7 @@ fn known(table: &[Entry], name: &str) -> Option<Label> {
 }
 
 /// Ends of names, with what they say: the unit, and words behind the rest.
-const ENDS: [(&str, &str, Unit); 14] = [
+const ENDS: [(&str, &str, FigureUnit); 14] = [
     ("_median_m", ", median", Metres),
     ("_p99_m", ", 99th percentile", Metres),
     ("_median_deg", ", median", Degrees),
@@ -129,11 +128,11 @@ fn read(name: &str) -> Label {
         let start = name.strip_suffix(end).filter(|start| !start.is_empty())?;
         Some(Label::new(start.replace('_', " ") + words, *unit))
     });
-    end.unwrap_or_else(|| Label::new(name.replace('_', " "), Unit::One))
+    end.unwrap_or_else(|| Label::new(name.replace('_', " "), FigureUnit::One))
 }
 
 /// Quantities and errors of the built-in pipelines and experiments.
-const FIGURES: &[Entry] = &[
+const FIGURES: &[LabelEntry] = &[
     ("ao_bias", "mean error of occlusion", One),
     ("ao_false_positive_rate", "points occluded by more than they should be", Percent),
     ("ao_filtered_bias", "mean error of occlusion, filtered", One),
@@ -239,7 +238,7 @@ const FIGURES: &[Entry] = &[
 ];
 
 /// Parameters and axes of the built-in experiments. A single word stands for itself.
-const PARAMETERS: &[Entry] = &[
+const PARAMETERS: &[LabelEntry] = &[
     ("ao.estimator", "directions of rays", One),
     ("ao.guard", "guard band", One),
     ("ao.offset_voxels", "offset of the first sample", Voxels),
@@ -312,9 +311,9 @@ mod tests {
         }
     }
 
-    fn assert_known(table: &[Entry], name: &str) {
+    fn assert_known(table: &[LabelEntry], name: &str) {
         let is_word = name.chars().all(|c| c.is_ascii_alphabetic());
-        let is_known = is_word || known(table, name).is_some();
+        let is_known = is_word || find_label(table, name).is_some();
         assert!(is_known, "`{name}` has no words in src/experiments/words.rs");
     }
 

@@ -4,10 +4,10 @@ use std::ops::Deref;
 use std::sync::{Arc, OnceLock, PoisonError};
 
 use super::pipelines::Pipelines;
-use super::shader::Shaders;
+use super::shader::ShaderCache;
 use super::{Capacity, GpuError, TimedStage, limits, mask};
 use fathom_base::embedded::{Folders, SHADERS};
-use fathom_clock::{ClockPlan, FrameTimer, SubmitCost, WatchedDevice, describe};
+use fathom_clock::{ClockPlan, Device, FrameTimer, SubmitCost, describe};
 use fathom_record as record;
 use fathom_record::{Feature, Mask};
 use serde::Serialize;
@@ -54,7 +54,7 @@ pub struct Options {
 
 impl Options {
     /// As fathom's command line takes them; shaders are not among them.
-    pub fn words(&self) -> Vec<String> {
+    pub fn to_args(&self) -> Vec<String> {
         let option = |name: &str, value: &dyn ToString| [name.to_owned(), value.to_string()];
         let Mask { without } = &self.mask;
         let valued = self.adapter.iter().map(|name| option("--adapter", name));
@@ -65,9 +65,8 @@ impl Options {
     }
 }
 
-/// An adapter of this machine.
 #[derive(Clone, Debug, Serialize)]
-pub struct Listed {
+pub struct AdapterEntry {
     #[serde(flatten)]
     pub adapter: record::Adapter,
     /// What it lacks, so that it cannot be opened.
@@ -77,13 +76,13 @@ pub struct Listed {
 
 /// An open device with all the limits and all the optional features that its adapter offers and the mask leaves.
 pub struct Gpu {
-    watched: WatchedDevice,
+    watched: Device,
     /// The limits, and on a software adapter those of the machine.
     pub capacity: Capacity,
     /// What this adapter lacks and what that degrades, one sentence each.
     pub notes: Vec<String>,
     /// Results of [`Gpu::shader`].
-    pub(super) shaders: Arc<Shaders>,
+    pub(super) shaders: Arc<ShaderCache>,
     pub(super) pipelines: Arc<Pipelines>,
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
@@ -92,18 +91,18 @@ pub struct Gpu {
 
 /// The device, its queue, and what is known of it.
 impl Deref for Gpu {
-    type Target = WatchedDevice;
+    type Target = Device;
 
-    fn deref(&self) -> &WatchedDevice {
+    fn deref(&self) -> &Device {
         &self.watched
     }
 }
 
 /// An adapter, and the instance flags it was found with.
-type Found = (wgpu::Adapter, wgpu::InstanceFlags);
+type FlaggedAdapter = (wgpu::Adapter, wgpu::InstanceFlags);
 
 /// Adapters of every interface, the preferred one first.
-fn enumerate_adapters() -> Vec<Found> {
+fn enumerate_adapters() -> Vec<FlaggedAdapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     descriptor.flags = wgpu::InstanceFlags::empty().with_env();
     let (backends, flags) = (descriptor.backends, descriptor.flags);
@@ -136,7 +135,7 @@ fn find(names: &[String], asked: &str) -> Option<usize> {
 }
 
 /// The chosen adapter, by `--adapter`, then by `WGPU_ADAPTER_NAME`, then by preference.
-fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
+fn choose(asked: Option<&str>) -> Result<FlaggedAdapter, GpuError> {
     let from_environment = std::env::var("WGPU_ADAPTER_NAME").ok().filter(|name| !name.is_empty());
     let asked = asked.map(str::to_owned).or(from_environment);
     let mut all = enumerate_adapters();
@@ -160,12 +159,12 @@ fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
     }
 }
 
-fn names(all: &[Found]) -> Vec<String> {
+fn names(all: &[FlaggedAdapter]) -> Vec<String> {
     all.iter().map(|(adapter, _)| adapter.get_info().name).collect()
 }
 
 /// The index of the adapter that is asked for; of the first if none is.
-fn position(all: &[Found], asked: Option<&str>) -> Option<usize> {
+fn position(all: &[FlaggedAdapter], asked: Option<&str>) -> Option<usize> {
     match asked {
         Some(asked) => find(&names(all), asked),
         None => (!all.is_empty()).then_some(0),
@@ -189,15 +188,15 @@ fn lacks(adapter: &wgpu::Adapter, limits: &wgpu::Limits) -> Option<String> {
 /// The optional features of this adapter, and a note for each that it lacks.
 fn negotiate(available: wgpu::Features) -> (wgpu::Features, Vec<String>) {
     let (there, lost): (Vec<_>, Vec<_>) =
-        Feature::iter().partition(|feature| available.contains(mask::of(*feature)));
-    (mask::all_of(&there), lost.into_iter().map(|feature| loss(feature).to_owned()).collect())
+        Feature::iter().partition(|feature| available.contains(mask::to_wgpu(*feature)));
+    (mask::all_to_wgpu(&there), lost.into_iter().map(|feature| loss(feature).to_owned()).collect())
 }
 
 impl Gpu {
     /// All adapters of this machine, in the order of `--adapter INDEX`; the first is the default.
     /// Timestamp periods are known only of open devices and are 0 here.
-    pub fn list() -> Vec<Listed> {
-        let listed = |(adapter, _): &Found| Listed {
+    pub fn list() -> Vec<AdapterEntry> {
+        let listed = |(adapter, _): &FlaggedAdapter| AdapterEntry {
             adapter: describe(adapter),
             lacks: lacks(adapter, &adapter.limits()),
         };
@@ -205,7 +204,7 @@ impl Gpu {
     }
 
     /// What the chosen adapter is; it is not opened.
-    pub fn chosen(options: &Options) -> Result<record::Adapter, GpuError> {
+    pub fn choose(options: &Options) -> Result<record::Adapter, GpuError> {
         Ok(describe(&choose(options.adapter.as_deref())?.0))
     }
 
@@ -249,7 +248,7 @@ impl Gpu {
         options: &Options,
     ) -> Result<Gpu, GpuError> {
         let mask = options.mask.clone();
-        let features = mask::without(&mask, chosen.features());
+        let features = mask::apply(&mask, chosen.features());
         let limits = match &options.limits {
             Some(most) => chosen.limits().or_worse_values_from(most),
             None => chosen.limits(),
@@ -265,10 +264,10 @@ impl Gpu {
         }
         let (device, queue) = request(&chosen, &adapter, (features, limits))?;
         let pipelines = Arc::new(Pipelines::default());
-        let shaders = Arc::new(Shaders::default());
+        let shaders = Arc::new(ShaderCache::default());
         let known = (Arc::clone(&pipelines), Arc::clone(&shaders));
         // A pipeline or a shader made in a scope that caught an error may be invalid.
-        let mut watched = WatchedDevice::new(&chosen, device, queue).watch(move || {
+        let mut watched = Device::new(&chosen, device, queue).with_fault_handler(move || {
             known.0.clear();
             known.1.lock().unwrap_or_else(PoisonError::into_inner).clear();
         });
@@ -281,20 +280,20 @@ impl Gpu {
             shaders,
             pipelines,
             planner: false,
-            folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
+            folders: options.shaders.clone().unwrap_or_else(|| Folders::new(SHADERS)),
         })
     }
 
-    /// See [`WatchedDevice::scoped`].
-    pub fn scoped<T>(&self, f: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
-        self.watched.scoped(f)
+    /// See [`Device::catch`].
+    pub fn catch<T>(&self, f: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        self.watched.catch(f)
     }
 
     /// Runs stages as one untimed frame and waits for it.
     pub fn run<S: TimedStage + ?Sized>(&self, stages: &[&S]) -> Result<(), GpuError> {
         // The limit is on timed passes, and there are none.
         let plan = ClockPlan::fenced(SubmitCost::default());
-        FrameTimer::new(self, plan, 1)?.untimed(self, stages)?;
+        FrameTimer::new(self, plan, 1)?.run_stages(self, stages)?;
         Ok(())
     }
 }

@@ -78,7 +78,7 @@ impl StructLayout {
         }
     }
 
-    fn of(module: &naga::Module, members: &[naga::StructMember], span: u32) -> Self {
+    fn from_naga(module: &naga::Module, members: &[naga::StructMember], span: u32) -> Self {
         let member = |m: &naga::StructMember| Member {
             name: m.name.clone().unwrap_or_default(),
             wgsl: wgsl(&module.types[m.ty].inner),
@@ -99,8 +99,8 @@ pub(super) fn bindings(module: &naga::Module) -> Vec<Binding> {
             let naga::ResourceBinding { group, binding } = variable.binding?;
             let kind = kind(variable.space, &module.types[variable.ty].inner)?;
             let structure = element(module, variable.ty).map(|(ty, members, span)| {
-                let name = plain(ty.name.as_deref().unwrap_or_default());
-                (name, StructLayout::of(module, members, span))
+                let name = strip_module(ty.name.as_deref().unwrap_or_default());
+                (name, StructLayout::from_naga(module, members, span))
             });
             Some(Binding { group, binding, kind, structure })
         };
@@ -191,7 +191,7 @@ fn element(
 }
 
 /// naga_oil puts the module's path behind the names of shared structs.
-fn plain(name: &str) -> String {
+fn strip_module(name: &str) -> String {
     name.split("X_naga_oil_mod_X").next().unwrap_or(name).to_owned()
 }
 
@@ -220,10 +220,10 @@ mod tests {
     use super::*;
 
     const SHADER: &str = "
-        struct Settings { taps: u32, size_px: vec2<f32> }
-        @group(0) @binding(0) var<uniform> settings: Settings;
+        struct Filter { taps: u32, size_px: vec2<f32> }
+        @group(0) @binding(0) var<uniform> settings: Filter;
         @group(0) @binding(1) var<storage> values: array<f32>;
-        @group(0) @binding(2) var<storage, read_write> sums: array<Settings>;
+        @group(0) @binding(2) var<storage, read_write> sums: array<Filter>;
         @group(1) @binding(0) var depth: texture_depth_2d;
         @group(1) @binding(1) var layers: texture_2d_array<u32>;
         @group(1) @binding(2) var volume: texture_3d<f32>;
@@ -265,6 +265,6 @@ mod tests {
         assert_eq!(kinds, expected);
         let structs = found.iter().filter_map(|of| Some((of.binding, of.structure.as_ref()?)));
         let structs: Vec<_> = structs.map(|(at, (name, _))| (at, name.as_str())).collect();
-        assert_eq!(structs, [(0, "Settings"), (2, "Settings")]);
+        assert_eq!(structs, [(0, "Filter"), (2, "Filter")]);
     }
 }

@@ -1,6 +1,6 @@
 //! Limits checked before anything is allocated.
 
-use super::{Gpu, MOST_LOOP_TURNS};
+use super::{Gpu, MAX_ITERATIONS};
 use fathom_record::Work;
 
 /// What a pipeline will need of the adapter, collected before it is built; checked by [`Gpu::check`].
@@ -8,7 +8,7 @@ use fathom_record::Work;
 pub struct Demand {
     needs: Vec<Need>,
     /// Bytes of textures and buffers, by what they are for.
-    held: Vec<(String, u64)>,
+    allocated: Vec<(String, u64)>,
     /// Bytes that the host takes to read results back.
     copied: Vec<(String, u64)>,
     /// Work of a frame, where sizes and settings can make it long.
@@ -17,14 +17,14 @@ pub struct Demand {
 
 #[derive(Clone, Debug, PartialEq)]
 struct Need {
-    limit: Limit,
+    limit: DeviceLimit,
     /// The resource or stage, for the message.
     what: String,
-    asked: u64,
+    requested: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Limit {
+enum DeviceLimit {
     Texture2d,
     Texture3d,
     Buffer,
@@ -38,9 +38,8 @@ enum Limit {
     LoopTurns,
 }
 
-impl Limit {
-    /// The limit's name in WebGPU, and its value.
-    fn of(self, limits: &wgpu::Limits) -> (&'static str, u64) {
+impl DeviceLimit {
+    fn name_and_value(self, limits: &wgpu::Limits) -> (&'static str, u64) {
         match self {
             Self::Texture2d => ("max_texture_dimension_2d", limits.max_texture_dimension_2d.into()),
             Self::Texture3d => ("max_texture_dimension_3d", limits.max_texture_dimension_3d.into()),
@@ -69,14 +68,14 @@ impl Limit {
             // No adapter's: shaders count in 32 bits.
             Self::Index => ("indices of 32 bits", u32::MAX.into()),
             // The least of all adapters.
-            Self::LoopTurns => ("turns of loops in an invocation", MOST_LOOP_TURNS),
+            Self::LoopTurns => ("turns of loops in an invocation", MAX_ITERATIONS),
         }
     }
 }
 
 /// What a shader binds, and takes in a workgroup.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Shading {
+struct ShaderUse {
     storage_buffers: u32,
     uniform_buffers: u32,
     sampled_textures: u32,
@@ -89,7 +88,7 @@ struct Shading {
 
 /// The most that any of fathom's shaders takes, but for the storage buffers of `voxel/alpha`, which pipelines with it
 /// [ask for](Demand::storage_buffers). A test reads it from the shaders.
-const MOST: Shading = Shading {
+const MAX: ShaderUse = ShaderUse {
     storage_buffers: 4,
     uniform_buffers: 4,
     sampled_textures: 8,
@@ -104,8 +103,8 @@ const MOST: Shading = Shading {
 pub(super) fn shortfall(limits: &wgpu::Limits) -> Option<String> {
     macro_rules! short {
         ($($name:ident: $needed:ident),*) => {
-            $(if limits.$name < MOST.$needed {
-                let (needed, allowed, name) = (MOST.$needed, limits.$name, stringify!($name));
+            $(if limits.$name < MAX.$needed {
+                let (needed, allowed, name) = (MAX.$needed, limits.$name, stringify!($name));
                 return Some(format!("{needed} of {name} (it has {allowed})"));
             })*
         };
@@ -128,57 +127,57 @@ impl Demand {
         Self::default()
     }
 
-    fn need(mut self, limit: Limit, what: &str, asked: u64) -> Self {
-        self.needs.push(Need { limit, what: what.to_owned(), asked });
+    fn need(mut self, limit: DeviceLimit, what: &str, requested: u64) -> Self {
+        self.needs.push(Need { limit, what: what.to_owned(), requested });
         self
     }
 
     /// A two-dimensional texture of this size in texels.
     pub fn texture_2d(self, what: &str, width: u64, height: u64) -> Self {
-        self.need(Limit::Texture2d, what, width.max(height))
+        self.need(DeviceLimit::Texture2d, what, width.max(height))
     }
 
     /// A volume texture of this size in texels.
     pub fn texture_3d(self, what: &str, size: [u64; 3]) -> Self {
         let longest = size.into_iter().max().unwrap_or(0);
-        self.need(Limit::Texture3d, what, longest)
+        self.need(DeviceLimit::Texture3d, what, longest)
     }
 
     /// A buffer that is never bound whole as storage (vertices, indices, staging), in bytes.
     pub fn buffer(self, what: &str, bytes: u64) -> Self {
-        self.need(Limit::Buffer, what, bytes)
+        self.need(DeviceLimit::Buffer, what, bytes)
     }
 
     /// A buffer bound whole as storage, in bytes.
     pub fn storage(self, what: &str, bytes: u64) -> Self {
-        self.need(Limit::Buffer, what, bytes).need(Limit::StorageBinding, what, bytes)
+        self.need(DeviceLimit::Buffer, what, bytes).need(DeviceLimit::StorageBinding, what, bytes)
     }
 
     /// A uniform buffer, in bytes.
     pub fn uniform(self, what: &str, bytes: u64) -> Self {
-        self.need(Limit::Buffer, what, bytes).need(Limit::UniformBinding, what, bytes)
+        self.need(DeviceLimit::Buffer, what, bytes).need(DeviceLimit::UniformBinding, what, bytes)
     }
 
     /// Things that shaders index, such as voxels.
     pub fn indexed(self, what: &str, count: u64) -> Self {
-        self.need(Limit::Index, what, count)
+        self.need(DeviceLimit::Index, what, count)
     }
 
-    /// Shaders whose invocations make so many turns of their loops. See [`MOST_LOOP_TURNS`].
-    pub fn turns(self, what: &str, count: u64) -> Self {
-        self.need(Limit::LoopTurns, what, count)
+    /// Shaders whose invocations make so many turns of their loops. See [`MAX_ITERATIONS`].
+    pub fn iterations(self, what: &str, count: u64) -> Self {
+        self.need(DeviceLimit::LoopTurns, what, count)
     }
 
     /// A dispatch of this many workgroups in each dimension.
     pub fn dispatch(self, what: &str, groups: [u64; 3]) -> Self {
         let most = groups.into_iter().max().unwrap_or(0);
-        self.need(Limit::DispatchGroups, what, most)
+        self.need(DeviceLimit::DispatchGroups, what, most)
     }
 
     /// A render pass with this many colour targets, of so many bytes per sample together.
     pub fn color_targets(self, what: &str, count: u64, bytes_per_sample: u64) -> Self {
-        self.need(Limit::ColorAttachments, what, count).need(
-            Limit::BytesPerSample,
+        self.need(DeviceLimit::ColorAttachments, what, count).need(
+            DeviceLimit::BytesPerSample,
             what,
             bytes_per_sample,
         )
@@ -186,12 +185,12 @@ impl Demand {
 
     /// A shader that binds so many storage buffers.
     pub fn storage_buffers(self, what: &str, count: u64) -> Self {
-        self.need(Limit::StorageBuffers, what, count)
+        self.need(DeviceLimit::StorageBuffers, what, count)
     }
 
     /// Textures and buffers of the pipeline take so many bytes.
     pub fn holds(mut self, what: &str, bytes: u64) -> Self {
-        self.held.push((what.to_owned(), bytes));
+        self.allocated.push((what.to_owned(), bytes));
         self
     }
 
@@ -207,19 +206,18 @@ impl Demand {
         self
     }
 
-    /// Bytes of all textures and buffers.
-    pub fn held_bytes(&self) -> u64 {
-        total(self.held.iter())
+    pub fn allocated_bytes(&self) -> u64 {
+        total(self.allocated.iter())
     }
 
     /// The same with the host's copies.
     pub fn bytes(&self) -> u64 {
-        total(self.held.iter().chain(&self.copied))
+        total(self.allocated.iter().chain(&self.copied))
     }
 
     /// What takes most of the memory, and how much.
     pub(super) fn largest(&self) -> Option<(String, u64)> {
-        let all = || self.held.iter().chain(&self.copied);
+        let all = || self.allocated.iter().chain(&self.copied);
         let sum = |what: &str| total(all().filter(|(other, _)| other == what));
         let sums = all().map(|(what, _)| (what.clone(), sum(what)));
         sums.max_by_key(|(_, bytes)| *bytes)
@@ -229,10 +227,9 @@ impl Demand {
         &self.work
     }
 
-    /// Both demands together.
-    pub fn and(mut self, other: Demand) -> Self {
+    pub fn merge(mut self, other: Demand) -> Self {
         self.needs.extend(other.needs);
-        self.held.extend(other.held);
+        self.allocated.extend(other.allocated);
         self.copied.extend(other.copied);
         self.work.extend(other.work);
         self
@@ -242,11 +239,11 @@ impl Demand {
     /// and what is allowed.
     pub fn check(&self, limits: &wgpu::Limits) -> Result<(), String> {
         for need in &self.needs {
-            let (name, allowed) = need.limit.of(limits);
-            if need.asked > allowed {
+            let (name, allowed) = need.limit.name_and_value(limits);
+            if need.requested > allowed {
                 return Err(format!(
                     "{}: asks {} of {name}, the adapter allows {allowed}",
-                    need.what, need.asked
+                    need.what, need.requested
                 ));
             }
         }
@@ -284,7 +281,7 @@ mod tests {
     }
 
     /// What a shader takes with its defaults.
-    fn shading(module: &wgpu::naga::Module) -> Shading {
+    fn shading(module: &wgpu::naga::Module) -> ShaderUse {
         use wgpu::BufferBindingType::{Storage, Uniform};
         let bound = bindings(module);
         let count = |of: fn(&BindingKind) -> bool| {
@@ -294,7 +291,7 @@ mod tests {
         let shared = shared.filter(|v| v.space == wgpu::naga::AddressSpace::WorkGroup);
         let bytes = shared.map(|v| module.types[v.ty].inner.size(module.to_ctx()));
         let entries = module.entry_points.iter();
-        Shading {
+        ShaderUse {
             storage_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Storage { .. }))),
             uniform_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Uniform))),
             sampled_textures: count(|kind| matches!(kind, BindingKind::Texture(..))),
@@ -308,10 +305,10 @@ mod tests {
 
     #[test]
     fn what_every_shader_needs_of_an_adapter_is_stated() {
-        let folders = Folders::of(SHADERS);
+        let folders = Folders::new(SHADERS);
         let paths = shader_paths(&folders).into_iter().filter(|path| path != "voxel/alpha");
         let all = paths.map(|path| shading(&link(&folders, &path, &[]).unwrap()));
-        let most = all.reduce(|a, b| Shading {
+        let most = all.reduce(|a, b| ShaderUse {
             storage_buffers: a.storage_buffers.max(b.storage_buffers),
             uniform_buffers: a.uniform_buffers.max(b.uniform_buffers),
             sampled_textures: a.sampled_textures.max(b.sampled_textures),
@@ -321,7 +318,7 @@ mod tests {
             invocations: a.invocations.max(b.invocations),
             workgroup_bytes: a.workgroup_bytes.max(b.workgroup_bytes),
         });
-        assert_eq!(most, Some(MOST));
+        assert_eq!(most, Some(MAX));
         assert_eq!(shortfall(&wgpu::Limits::downlevel_defaults()), None);
         let none = shortfall(&wgpu::Limits::downlevel_webgl2_defaults()).unwrap();
         assert_eq!(none, "64 of max_compute_invocations_per_workgroup (it has 0)");
@@ -334,7 +331,7 @@ mod tests {
         let demand = Demand::new()
             .storage("photons", limits.max_storage_buffer_binding_size)
             .dispatch("trace", [groups, 1, 1])
-            .and(Demand::new().uniform("frame", limits.max_uniform_buffer_binding_size));
+            .merge(Demand::new().uniform("frame", limits.max_uniform_buffer_binding_size));
         assert_eq!(demand.check(&limits), Ok(()));
         assert!(Demand::new().dispatch("trace", [1, groups + 1, 1]).check(&limits).is_err());
         assert!(Demand::new().indexed("voxels", 1 << 32).check(&limits).is_err());

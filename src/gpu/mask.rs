@@ -3,21 +3,19 @@
 use fathom_record::{Feature, Mask};
 
 /// The features of an adapter that a mask leaves.
-pub(super) fn without(mask: &Mask, mut features: wgpu::Features) -> wgpu::Features {
-    features.remove(all_of(&mask.without));
+pub(super) fn apply(mask: &Mask, mut features: wgpu::Features) -> wgpu::Features {
+    features.remove(all_to_wgpu(&mask.without));
     if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
         features.remove(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
     }
     features
 }
 
-/// These features under wgpu's names.
-pub(super) fn all_of(features: &[Feature]) -> wgpu::Features {
-    features.iter().fold(wgpu::Features::empty(), |all, feature| all | of(*feature))
+pub(super) fn all_to_wgpu(features: &[Feature]) -> wgpu::Features {
+    features.iter().fold(wgpu::Features::empty(), |all, feature| all | to_wgpu(*feature))
 }
 
-/// wgpu's name of a feature.
-pub(super) fn of(feature: Feature) -> wgpu::Features {
+pub(super) fn to_wgpu(feature: Feature) -> wgpu::Features {
     match feature {
         Feature::TimestampQuery => wgpu::Features::TIMESTAMP_QUERY,
         Feature::TimestampQueryInsideEncoders => wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS,

@@ -10,27 +10,27 @@ mod ceilings;
 mod error;
 mod layout;
 mod limits;
+mod loops;
 mod mask;
 mod pipelines;
 mod readback;
 mod shader;
 mod stage;
-mod turns;
 
-pub use adapter::{Gpu, Listed, Options};
+pub use adapter::{AdapterEntry, Gpu, Options};
 pub use capacity::Capacity;
 pub use ceilings::{Waker, ceilings, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
-    Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Fault, FrameSample,
-    FrameTimer, HostClock, HostCost, HostTime, MachineReader, StageClock, StageCounters,
+    Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, FrameSample, FrameTimer,
+    HostClock, HostCost, HostTime, MachineReader, RejectedTime, StageClock, StageCounters,
     StageScope, SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table,
     count,
 };
 pub use layout::{Binding, BindingKind, Member, StructLayout};
 pub use limits::Demand;
+pub use loops::{MAX_ITERATIONS, describe_loop_turns, measure_loop_turns};
 pub use pipelines::{CodeKey, GroupKey, KernelKey, MadePipelines, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths, text};
-pub use stage::{Column, Output, OutputData, ReadRow, Stage, StageInfo, refilling};
-pub use turns::{MOST_LOOP_TURNS, loop_turns, turns_line};
+pub use stage::{Column, OutputData, ReadRow, Stage, StageDump, StageInfo, stages_before};

@@ -55,19 +55,19 @@ pub struct MadePipelines {
 /// The pipelines of a device that were made up to now.
 #[derive(Default)]
 pub(super) struct Pipelines {
-    made: Mutex<MadePipelines>,
+    created: Mutex<MadePipelines>,
     kernels: Mutex<HashMap<KernelKey, wgpu::ComputePipeline>>,
     rasters: Mutex<HashMap<RasterKey, wgpu::RenderPipeline>>,
 }
 
-type KnownPipelines =
+type PipelineMaps =
     (HashMap<KernelKey, wgpu::ComputePipeline>, HashMap<RasterKey, wgpu::RenderPipeline>);
 
 impl Pipelines {
-    fn timed<P>(&self, make: impl FnOnce() -> P) -> P {
+    fn time_creation<P>(&self, make: impl FnOnce() -> P) -> P {
         let start = Instant::now();
         let pipeline = make();
-        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut made = self.created.lock().unwrap_or_else(PoisonError::into_inner);
         made.count += 1;
         made.ns += start.elapsed().as_secs_f64() * 1e9;
         pipeline
@@ -77,13 +77,13 @@ impl Pipelines {
         drop(self.take());
     }
 
-    fn take(&self) -> KnownPipelines {
+    fn take(&self) -> PipelineMaps {
         let mut kernels = self.kernels.lock().unwrap_or_else(PoisonError::into_inner);
         let mut rasters = self.rasters.lock().unwrap_or_else(PoisonError::into_inner);
         (std::mem::take(&mut *kernels), std::mem::take(&mut *rasters))
     }
 
-    fn put(&self, (kernels, rasters): KnownPipelines) {
+    fn restore(&self, (kernels, rasters): PipelineMaps) {
         *self.kernels.lock().unwrap_or_else(PoisonError::into_inner) = kernels;
         *self.rasters.lock().unwrap_or_else(PoisonError::into_inner) = rasters;
     }
@@ -91,13 +91,13 @@ impl Pipelines {
 
 impl Gpu {
     /// Gives back pipelines that nothing uses any more, and the driver's compiled code with them.
-    pub fn forget_pipelines(&self) {
+    pub fn drop_pipelines(&self) {
         self.pipelines.clear();
     }
 
     /// What making pipelines took within `f`.
-    pub fn making_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
-        let made = || *self.pipelines.made.lock().unwrap_or_else(PoisonError::into_inner);
+    pub fn time_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
+        let made = || *self.pipelines.created.lock().unwrap_or_else(PoisonError::into_inner);
         let before = made();
         let result = f();
         let after = made();
@@ -105,10 +105,10 @@ impl Gpu {
     }
 
     /// The same where `f` finds no pipeline that was made before.
-    pub fn making_all_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
+    pub fn time_all_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
         let known = self.pipelines.take();
-        let made = self.making_pipelines(f);
-        self.pipelines.put(known);
+        let made = self.time_pipelines(f);
+        self.pipelines.restore(known);
         made
     }
 
@@ -118,7 +118,7 @@ impl Gpu {
         key: KernelKey,
         make: impl FnOnce() -> wgpu::ComputePipeline,
     ) -> wgpu::ComputePipeline {
-        known_or_made(&self.pipelines.kernels, key, || self.pipelines.timed(make))
+        get_or_create(&self.pipelines.kernels, key, || self.pipelines.time_creation(make))
     }
 
     /// The pipeline of this key, made where there is none yet.
@@ -127,11 +127,11 @@ impl Gpu {
         key: RasterKey,
         make: impl FnOnce() -> wgpu::RenderPipeline,
     ) -> wgpu::RenderPipeline {
-        known_or_made(&self.pipelines.rasters, key, || self.pipelines.timed(make))
+        get_or_create(&self.pipelines.rasters, key, || self.pipelines.time_creation(make))
     }
 }
 
-fn known_or_made<K: Eq + Hash, P: Clone>(
+fn get_or_create<K: Eq + Hash, P: Clone>(
     known: &Mutex<HashMap<K, P>>,
     key: K,
     make: impl FnOnce() -> P,

@@ -41,7 +41,7 @@ pub fn texture_bytes(texture: &wgpu::Texture) -> u64 {
 
 /// All bytes of a buffer, which must have been made with `COPY_SRC`.
 pub fn read_buffer(gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Vec<u8>, GpuError> {
-    gpu.scoped(|| {
+    gpu.catch(|| {
         let staging = staging(gpu, buffer.size());
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
@@ -87,7 +87,7 @@ fn read_texels(
     level: u32,
     size: [u32; 3],
 ) -> Result<(u32, Vec<f32>), GpuError> {
-    let layout = TexelLayout::of(texture.format())?;
+    let layout = TexelLayout::from_format(texture.format())?;
     let bytes = texel_bytes(gpu, (texture, level, size), layout.bytes)?;
     Ok((layout.channels, layout.decode(&bytes).collect()))
 }
@@ -100,7 +100,7 @@ fn texel_bytes(
     let row = size[0] * texel;
     let pitch = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let bytes = u64::from(pitch) * u64::from(size[1]) * u64::from(size[2]);
-    gpu.scoped(|| {
+    gpu.catch(|| {
         let staging = staging(gpu, bytes);
         copy_to(gpu, (texture, level, size), &staging, pitch);
         Ok(gpu.map(&staging, bytes, |padded| {
@@ -144,7 +144,7 @@ struct TexelLayout {
 }
 
 impl TexelLayout {
-    fn of(format: wgpu::TextureFormat) -> Result<Self, GpuError> {
+    fn from_format(format: wgpu::TextureFormat) -> Result<Self, GpuError> {
         use wgpu::TextureFormat as Format;
         let float: fn(&[u8]) -> f32 = |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
         let half: fn(&[u8]) -> f32 = |b| half::f16::from_le_bytes([b[0], b[1]]).to_f32();

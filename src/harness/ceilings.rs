@@ -12,7 +12,7 @@ use fathom_record::{Measured, Record, Run, StageRecord};
 
 /// The ceilings of a run: those of the latest run that this one goes on with, if it had the same adapter, driver, build, conditions and
 /// clocks, else measured. A result that is not the CPU's is an error.
-pub fn of_run(
+pub fn load_or_measure(
     gpu: &Gpu,
     plan: ClockPlan,
     header: &Run,
@@ -41,7 +41,7 @@ pub fn add_shares(
 ) -> Result<(), String> {
     for stage in &mut measured.stages {
         stage.ceiling = stage.share_of(ceilings);
-        let Some(limit) = impossible(stage).map(|share| share.limit) else { continue };
+        let Some(limit) = exceeded_share(stage).map(|share| share.limit) else { continue };
         let fresh = again(limit).map_err(|error| error.to_string())?;
         let held = ceilings.iter_mut().find(|held| held.limit == limit);
         if let Some(held) = held
@@ -51,19 +51,18 @@ pub fn add_shares(
             *held = fresh;
         }
         stage.ceiling = stage.share_of(ceilings);
-        if let Some(share) = impossible(stage) {
-            return Err(beyond(stage, share));
+        if let Some(share) = exceeded_share(stage) {
+            return Err(describe_excess(stage, share));
         }
     }
     Ok(())
 }
 
-fn impossible(stage: &StageRecord) -> Option<&CeilingShare> {
+fn exceeded_share(stage: &StageRecord) -> Option<&CeilingShare> {
     stage.ceiling.as_ref().filter(|share| share.is_impossible())
 }
 
-/// What is said of a stage beyond its ceiling.
-fn beyond(stage: &StageRecord, share: &CeilingShare) -> String {
+fn describe_excess(stage: &StageRecord, share: &CeilingShare) -> String {
     format!(
         "{}: {} {} in {:.3} ms are {:.0} % of what the adapter can do ({}); the count or the clock is wrong: see fathom audit and \
          docs/ceilings.md",
@@ -76,25 +75,23 @@ fn beyond(stage: &StageRecord, share: &CeilingShare) -> String {
     )
 }
 
-/// What `fathom ceilings` answers.
 #[derive(Debug, Serialize)]
-pub struct Answer {
+pub struct CeilingsResult {
     pub adapter: String,
     pub ceilings: Vec<Ceiling>,
     /// What bounds nothing: limits for which twice the work did not take twice the time.
     pub unsound: Vec<&'static str>,
 }
 
-/// Measures all limits of an adapter.
-pub fn answer(gpu: &Gpu, plan: ClockPlan) -> Result<Answer, GpuError> {
+pub fn measure_all(gpu: &Gpu, plan: ClockPlan) -> Result<CeilingsResult, GpuError> {
     let ceilings = gpu::ceilings(gpu, plan)?;
     let unsound = ceilings.iter().filter(|ceiling| !ceiling.is_sound());
     let unsound = unsound.map(|ceiling| ceiling.limit.name()).collect();
     let adapter = format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info);
-    Ok(Answer { adapter, ceilings, unsound })
+    Ok(CeilingsResult { adapter, ceilings, unsound })
 }
 
-impl fmt::Display for Answer {
+impl fmt::Display for CeilingsResult {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let heads = ["limit", "per second", "95 % interval", "n", "doubling", "unit"];
         let rows = self.ceilings.iter().map(row);
@@ -138,7 +135,7 @@ mod tests {
     /// The share of a stage of 1 ms, or the error, where the ceiling is measured as `rates` one after the other.
     fn added(texel_fetches: u64, rates: [f64; 2]) -> Result<f64, String> {
         let work = Work { texel_fetches, ..Work::default() };
-        let stage = StageRecord::of("caustics/trace", Clock::Timestamp, vec![1e6; 8]);
+        let stage = StageRecord::new("caustics/trace", Clock::Timestamp, vec![1e6; 8]);
         let stage = StageRecord { time: estimate(1e6), work, ..stage };
         let mut measured = Measured { stages: vec![stage], ..Measured::default() };
         add_shares(&mut measured, &mut [ceiling(rates[0])], |_| Ok(ceiling(rates[1])))?;

@@ -13,7 +13,7 @@ use fathom_stages::OutputData;
 pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pixels> {
     let present = pipeline.stages();
     let named = |name: &String| present.iter().find(|stage| stage.name() == name);
-    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| &stage.outputs);
+    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| &stage.dumps);
     let texture = outputs.find_map(|output| match &output.data {
         OutputData::Texture(texture) => Some(texture),
         _ => None,
@@ -55,7 +55,7 @@ impl References {
         let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
         if !keys.iter().all(|key| self.images.contains_key(key)) {
             let pipeline = subject.build(gpu)?;
-            timer.untimed(gpu, &pipeline.stages())?;
+            timer.run_stages(gpu, &pipeline.stages())?;
             for (key, stages) in keys.iter().zip(outputs) {
                 let image = image(gpu, pipeline.as_ref(), stages)?;
                 self.images.insert(key.clone(), image);

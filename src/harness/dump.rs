@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, anyhow, bail};
 use serde_json::{Value, json};
 
-use super::picture::unwritten;
+use super::picture::write_error;
 use super::render;
 use super::subject::Subject;
-use fathom_base::folder::Folder;
+use fathom_base::folder::Dir;
 use fathom_base::npy;
 use fathom_base::text::did_you_mean;
 use fathom_gpu::{Gpu, read_buffer, read_texture, read_volume};
-use fathom_stages::{Output, OutputData, Stage};
+use fathom_stages::{OutputData, Stage, StageDump};
 
 /// Runs one frame of the subject and writes the outputs of `stage` into `folder`, which is made if need be.
 /// Gives the `.npy` files' paths.
@@ -23,12 +23,12 @@ use fathom_stages::{Output, OutputData, Stage};
 pub fn dump(gpu: &Gpu, subject: &Subject, stage: &str, folder: &Path) -> Result<Vec<PathBuf>> {
     let pipeline = render::frame(gpu, subject)?;
     let stages = pipeline.stages();
-    let outputs = &find(&stages, stage)?.outputs;
+    let outputs = &find(&stages, stage)?.dumps;
     let context = pipeline.context(stage);
     if outputs.is_empty() {
         bail!("stage `{stage}` leaves nothing to dump");
     }
-    let folder = Folder::make(folder).map_err(|error| unwritten(folder, error))?;
+    let folder = Dir::make(folder).map_err(|error| write_error(folder, error))?;
     outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, &folder)).collect()
 }
 
@@ -44,8 +44,8 @@ fn write(
     gpu: &Gpu,
     subject: &Subject,
     (stage, context): (&str, &Value),
-    output: &Output,
-    folder: &Folder,
+    output: &StageDump,
+    folder: &Dir,
 ) -> Result<PathBuf> {
     let (shape, values) = read(gpu, output)?;
     let stem = format!("{}-{}", stage.replace('/', "-"), output.name.replace('/', "-"));
@@ -53,19 +53,19 @@ fn write(
     let path = folder.path().join(&name);
     folder
         .write_with(&name, |file| npy::write(BufWriter::new(file), &shape, &values))
-        .map_err(|error| unwritten(&path, error))?;
+        .map_err(|error| write_error(&path, error))?;
     let mut about = describe(subject, stage, output, &shape);
     for (key, value) in context.as_object().into_iter().flatten() {
         about[key] = value.clone();
     }
     let beside = format!("{stem}.json");
     let written = folder.write(&beside, format!("{about:#}\n").as_bytes());
-    written.map_err(|error| unwritten(&folder.path().join(beside), error))?;
+    written.map_err(|error| write_error(&folder.path().join(beside), error))?;
     Ok(path)
 }
 
 /// Shape and values of an output.
-fn read(gpu: &Gpu, output: &Output) -> Result<(Vec<usize>, Vec<f32>)> {
+fn read(gpu: &Gpu, output: &StageDump) -> Result<(Vec<usize>, Vec<f32>)> {
     Ok(match &output.data {
         OutputData::Buffer { buffer, stride_floats, count, row } => {
             let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, buffer)?);
@@ -88,7 +88,7 @@ fn read(gpu: &Gpu, output: &Output) -> Result<(Vec<usize>, Vec<f32>)> {
     })
 }
 
-fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) -> Value {
+fn describe(subject: &Subject, stage: &str, output: &StageDump, shape: &[usize]) -> Value {
     let mut about = json!({
         "stage": stage,
         "output": output.name,
@@ -115,7 +115,7 @@ fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) ->
     about
 }
 
-fn axes(output: &Output, count: usize) -> Value {
+fn axes(output: &StageDump, count: usize) -> Value {
     match output.data {
         OutputData::Buffer { .. } => json!(["element", "column"]),
         OutputData::Texture(_) => json!(["row, from the top", "column, from the left", "channel"]),
@@ -140,7 +140,7 @@ mod tests {
         let voxels = Voxels::new(&resources, "volume", &grid, true);
         let values: Vec<u8> = (10..40).collect();
         voxels.write(&resources, &values);
-        let output = |level: u32| Output {
+        let output = |level: u32| StageDump {
             name: "volume".into(),
             meaning: String::new(),
             columns: Vec::new(),

@@ -10,17 +10,17 @@ use image::RgbImage;
 use itertools::Itertools as _;
 
 use super::difference::References;
-use super::outcome::{Findings, measured};
+use super::outcome::{CellFindings, build_record};
 use super::plan::{PlannedCell, PlannedExperiment};
 use super::repetitions::{self, NoiseAndBias};
-use super::reports::Output;
-use super::sample::{self, Executor, Failure, Foreseen};
+use super::reports::RunOutput;
+use super::sample::{self, CostForecast, Executor, Failure};
 use super::schedule::{CellState, Schedule};
-use super::views::Views;
+use super::views::RenderedViews;
 use super::{MAX_PASSES, host, picture};
-use fathom_base::folder::Folder;
-use fathom_base::tell;
-use fathom_clock::{Samples, Stopped};
+use fathom_base::folder::Dir;
+use fathom_base::print;
+use fathom_clock::{Samples, StopReason};
 use fathom_experiments::CellPlan;
 use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
@@ -28,7 +28,7 @@ use fathom_gpu::{
     ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, MadePipelines,
     Stage, StageCounters, Waker,
 };
-use fathom_pipelines::{AnyPipeline, Judge, Known};
+use fathom_pipelines::{AnyPipeline, Judge, ReferenceCache};
 use fathom_record::output::picture_path;
 use fathom_record::{
     Begun, Ceiling, Cell, Earlier, MachineState, Measured, Note, NoteKind, Outcome, Picture,
@@ -49,24 +49,23 @@ pub struct Session {
     machine: Option<MachineReader>,
     waker: Waker,
     references: References,
-    known: Known,
+    cache: ReferenceCache,
     reopened: bool,
     /// By pipeline: the first cell that was built, which tells its CPU costs, as the numbers of its experiment and its own; and what
     /// making its pipelines took then.
     hosts: BTreeMap<String, ((usize, usize), MadePipelines)>,
-    pub spent: Spent,
+    pub times: RunTimes,
 }
 
-/// Where the time of a run went.
 #[derive(Clone, Debug, Default)]
-pub struct Spent {
+pub struct RunTimes {
     /// What is not measuring; seconds.
     pub set_up_s: BTreeMap<SetUp, f64>,
     /// All frames, timed and untimed, warm-up included; nanoseconds.
     pub frames_ns: f64,
 }
 
-impl Spent {
+impl RunTimes {
     /// Adds the time since `start`, and gives this moment.
     pub fn since(&mut self, start: Instant, on: SetUp) -> Instant {
         let now = Instant::now();
@@ -81,7 +80,7 @@ impl Session {
         gpu: Gpu,
         options: gpu::Options,
         (plan, ceilings): (ClockPlan, Vec<Ceiling>),
-        spent: Spent,
+        times: RunTimes,
     ) -> Result<Self, GpuError> {
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
         Ok(Self {
@@ -93,10 +92,10 @@ impl Session {
             ceilings,
             timer,
             references: References::default(),
-            known: Known::of_earlier_runs(),
+            cache: ReferenceCache::load(),
             reopened: false,
             hosts: BTreeMap::new(),
-            spent,
+            times,
         })
     }
 
@@ -114,19 +113,19 @@ impl Session {
 
 /// What is known of an experiment's cells from batch to batch.
 #[derive(Default)]
-pub struct KnownCells {
+pub struct CellProgress {
     /// The latest record of each cell, by its name; of an earlier run too.
     pub records: BTreeMap<String, Cell>,
     /// What was sampled of each cell.
     pub samples: BTreeMap<usize, Samples>,
     /// Of each cell, once it was found out.
-    pub findings: BTreeMap<usize, Findings>,
+    pub findings: BTreeMap<usize, CellFindings>,
     counters: BTreeMap<usize, Vec<StageCounters>>,
     /// A picture has been tried.
     pictured: bool,
 }
 
-impl KnownCells {
+impl CellProgress {
     /// With the records of earlier runs, and those by resume key whose samples may be gone on with.
     pub fn new(
         planned: &PlannedExperiment,
@@ -148,7 +147,7 @@ impl KnownCells {
             };
             known.samples.insert(index, Samples::recorded(measured));
             if measured.is_finished() {
-                known.findings.insert(index, Findings::recorded(measured));
+                known.findings.insert(index, CellFindings::recorded(measured));
             }
         }
         known
@@ -162,21 +161,21 @@ pub struct CellExecutor<'a, 'r> {
     /// The experiment's number in the schedule.
     number: usize,
     /// Quantities and errors that its claims and plots read.
-    asked: Vec<String>,
+    quantities: Vec<String>,
     cells: &'a [PlannedCell],
-    built: BTreeMap<usize, Built>,
-    output: &'a mut Output<'r>,
-    known: &'a mut KnownCells,
+    built: BTreeMap<usize, BuiltCell>,
+    output: &'a mut RunOutput<'r>,
+    progress: &'a mut CellProgress,
     schedule: &'a mut Schedule,
 }
 
-struct Built {
+struct BuiltCell {
     pipeline: Box<AnyPipeline>,
     /// Time of its frames, seconds, and how many they are.
     frames: (f64, u32),
 }
 
-impl Findings {
+impl CellFindings {
     /// What was found; why it was not is noted.
     fn noted<T>(
         &mut self,
@@ -201,9 +200,9 @@ impl Findings {
 impl<'a, 'r> CellExecutor<'a, 'r> {
     pub fn new(
         session: &'a mut Session,
-        output: &'a mut Output<'r>,
+        output: &'a mut RunOutput<'r>,
         (number, planned): (usize, &'a PlannedExperiment),
-        (known, schedule): (&'a mut KnownCells, &'a mut Schedule),
+        (progress, schedule): (&'a mut CellProgress, &'a mut Schedule),
     ) -> Self {
         let PlannedExperiment { experiment, cells } = planned;
         let asked = experiment.measures().into_iter().flat_map(|measure| measure.quantities());
@@ -211,22 +210,22 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             session,
             experiment,
             number,
-            asked: asked.map(str::to_owned).collect(),
+            quantities: asked.map(str::to_owned).collect(),
             cells,
             built: BTreeMap::new(),
             output,
-            known,
+            progress,
             schedule,
         }
     }
 
     /// Says in the records that a cell is begun of which there is nothing yet: it may end the process.
     fn begin(&mut self, cell: usize) -> Result<(), Failure> {
-        if self.state(cell).recorded || self.known.samples.contains_key(&cell) {
+        if self.state(cell).recorded || self.progress.samples.contains_key(&cell) {
             return Ok(());
         }
-        let begun = begun(&self.output.header, &self.cells[cell]);
-        let written = self.output.held.writer.hand_over(&[Record::Begun(begun)]);
+        let begun = begin_record(&self.output.header, &self.cells[cell]);
+        let written = self.output.folder.writer.append_unsynced(&[Record::Begun(begun)]);
         written.map_err(|error| Failure::Cell(error.to_string()))
     }
 
@@ -236,25 +235,25 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
-    fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
+    fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> CellFindings {
         let start = Instant::now();
-        let mut findings = Findings::default();
+        let mut findings = CellFindings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
-        let start = self.session.spent.since(start, SetUp::Quantities);
+        let start = self.session.times.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
             findings.errors = judged.errors;
             judged.quantities
         });
         findings.add("errors not computed", judged);
-        let start = self.session.spent.since(start, SetUp::Errors);
+        let start = self.session.times.since(start, SetUp::Errors);
         let views = self.views(cell, pipeline, &mut findings);
-        self.compared(cell, pipeline, &mut findings);
-        let start = self.session.spent.since(start, SetUp::Comparisons);
+        self.compare(cell, pipeline, &mut findings);
+        let start = self.session.times.since(start, SetUp::Comparisons);
         self.pictures(cell, pipeline, views, &mut findings);
-        let start = self.session.spent.since(start, SetUp::Pictures);
+        let start = self.session.times.since(start, SetUp::Pictures);
         let is_late = self.now_s() >= self.output.deadline_s();
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
-        let Session { gpu, timer, hosts, spent, .. } = &mut *self.session;
+        let Session { gpu, timer, hosts, times, .. } = &mut *self.session;
         let first = hosts.get(&plan.pipeline).filter(|(first, _)| *first == (self.number, cell));
         // A resumed run measures it with the first cell whose figures it reads.
         if let Some((_, made)) = first.filter(|_| !is_late) {
@@ -262,14 +261,14 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             let failure = "what it costs the CPU not measured";
             findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
         }
-        spent.since(start, SetUp::Quantities);
+        times.since(start, SetUp::Quantities);
         findings
     }
 
     fn judge(&mut self, cell: usize) -> Judge<'_> {
-        let Session { gpu, known, .. } = &mut *self.session;
-        let asked = &self.asked;
-        Judge { gpu, scene: &self.cells[cell].subject.scene, known, asked }
+        let Session { gpu, cache, .. } = &mut *self.session;
+        let requested = &self.quantities;
+        Judge { gpu, scene: &self.cells[cell].subject.scene, references: cache, requested }
     }
 
     /// How views of the cell differ, where that is asked; their picture.
@@ -277,16 +276,16 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         &mut self,
         cell: usize,
         pipeline: &AnyPipeline,
-        findings: &mut Findings,
+        findings: &mut CellFindings,
     ) -> Option<Result<RgbImage>> {
         let name = &self.experiment.views.as_ref()?.quantity;
         let Session { gpu, timer, .. } = &mut *self.session;
         let others = self.cells[cell].views.as_ref();
         let others =
             others.context("the pipeline has no seed, so noise cannot be separated from the dependence on the view");
-        let views = others.and_then(|others| Views::of(gpu, timer, pipeline, others));
+        let views = others.and_then(|others| RenderedViews::render(gpu, timer, pipeline, others));
         let (spread, strip) = match views {
-            Ok(Views { spread, strip }) => (spread, Some(strip)),
+            Ok(RenderedViews { spread, strip }) => (spread, Some(strip)),
             Err(error) => (Err(error), None),
         };
         let figures = spread.map(|spread| spread.figures(name));
@@ -295,7 +294,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     }
 
     /// Differences from the cell's reference run, and between its repetitions.
-    fn compared(&mut self, cell: usize, pipeline: &AnyPipeline, findings: &mut Findings) {
+    fn compare(&mut self, cell: usize, pipeline: &AnyPipeline, findings: &mut CellFindings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
         let PlannedCell { plan, reference, repetitions, .. } = &self.cells[cell];
         if let (Some(asked), Some(subject)) = (&plan.reference, reference) {
@@ -322,9 +321,9 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         cell: usize,
         pipeline: &AnyPipeline,
         views: Option<Result<RgbImage>>,
-        findings: &mut Findings,
+        findings: &mut CellFindings,
     ) {
-        let later = std::mem::replace(&mut self.known.pictured, true);
+        let later = std::mem::replace(&mut self.progress.pictured, true);
         if later && self.experiment.pictures == Pictures::First {
             return;
         }
@@ -334,13 +333,13 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             Picture { path, shows, scale: None }
         });
         image.scale = pipeline.shows_visibility().then_some(PictureScale::Visibility);
-        let folder = self.output.held.output.folder.clone();
+        let folder = self.output.folder.output.folder.clone();
         let save = |picture: &RgbImage, name: &str| {
             let folder =
-                Folder::open(&folder).map_err(|source| picture::unwritten(&folder, source))?;
+                Dir::open(&folder).map_err(|source| picture::write_error(&folder, source))?;
             picture::write(picture, &folder, Path::new(name))
         };
-        let saved = views.unwrap_or_else(|| picture::bare(&self.session.gpu, pipeline));
+        let saved = views.unwrap_or_else(|| picture::read_image(&self.session.gpu, pipeline));
         let saved = saved.and_then(|picture| save(&picture, &image.path));
         let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
         findings.pictures.extend(saved.map(|()| image));
@@ -359,17 +358,17 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
         let built = self.built.remove(&cell).ok_or("its pipeline is gone")?;
         let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
-        let known = self.known.findings.get(&cell).cloned();
+        let known = self.progress.findings.get(&cell).cloned();
         let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, pipeline)));
-        if let Some(reason) = self.session.gpu.lost() {
+        if let Some(reason) = self.session.gpu.loss_reason() {
             // What could not be found then is not missing for ever.
             return Err(sample::device_lost(&reason));
         }
         if is_new {
-            self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
-            self.known.findings.insert(cell, found.clone());
+            self.state(cell).costs.finish_s = Some(start.elapsed().as_secs_f64());
+            self.progress.findings.insert(cell, found.clone());
         }
-        let mut measured = self.measured(cell, samples, pipeline, found);
+        let mut measured = self.build_record(cell, samples, pipeline, found);
         self.built.insert(cell, built);
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
         let again = |limit| gpu::measure(gpu, *plan, limit);
@@ -377,15 +376,15 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         Ok(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
     }
 
-    fn measured(
+    fn build_record(
         &self,
         cell: usize,
         samples: &Samples,
         pipeline: &AnyPipeline,
-        found: Findings,
+        found: CellFindings,
     ) -> Measured {
-        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
-        measured(samples, pipeline, counters, found, self.schedule.precision)
+        let counters = self.progress.counters.get(&cell).map_or(&[][..], Vec::as_slice);
+        build_record(samples, pipeline, counters, found, self.schedule.precision)
     }
 
     fn frame<T>(
@@ -401,19 +400,19 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
         let stages = built.pipeline.stages();
-        let Session { gpu, timer, spent, .. } = &mut *self.session;
+        let Session { gpu, timer, times, .. } = &mut *self.session;
         let start = Instant::now();
         let frame = run(timer, gpu, &stages)?;
         built.frames.0 += start.elapsed().as_secs_f64();
         built.frames.1 += 1;
-        spent.frames_ns += ns(&frame);
+        times.frames_ns += ns(&frame);
         self.output.progress.tick();
         Ok(frame)
     }
 }
 
 /// That a cell is begun, of which nothing is measured yet.
-pub fn begun(run: &Run, cell: &PlannedCell) -> Begun {
+pub fn begin_record(run: &Run, cell: &PlannedCell) -> Begun {
     Begun::new(run, &cell.record(Outcome::OverBudget))
 }
 
@@ -434,24 +433,24 @@ impl Executor for CellExecutor<'_, '_> {
         self.begin(cell)?;
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
         self.output.progress.preparing(plan);
-        let Session { gpu, spent, hosts, .. } = &mut *self.session;
+        let Session { gpu, times, hosts, .. } = &mut *self.session;
         let begun = Instant::now();
-        let (pipeline, made) = gpu.making_pipelines(|| subject.build(gpu));
+        let (pipeline, made) = gpu.time_pipelines(|| subject.build(gpu));
         let pipeline = pipeline?;
-        if !plan.errors_only && !self.known.findings.contains_key(&cell) {
+        if !plan.errors_only && !self.progress.findings.contains_key(&cell) {
             hosts.entry(plan.pipeline.clone()).or_insert(((self.number, cell), made));
         }
-        let start = spent.since(begun, SetUp::Pipelines);
-        if !plan.errors_only && !self.known.counters.contains_key(&cell) {
+        let start = times.since(begun, SetUp::Pipelines);
+        if !plan.errors_only && !self.progress.counters.contains_key(&cell) {
             let counted = gpu::count(gpu, &pipeline.stages(), MAX_PASSES);
             let counted = counted.map_err(GpuError::from)?.unwrap_or_default();
-            self.known.counters.insert(cell, counted);
+            self.progress.counters.insert(cell, counted);
         }
-        spent.since(start, SetUp::Counting);
+        times.since(start, SetUp::Counting);
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
-        self.built.insert(cell, Built { pipeline, frames: (0.0, 0) });
-        self.state(cell).seen.prepare_s = Some(begun.elapsed().as_secs_f64());
+        self.built.insert(cell, BuiltCell { pipeline, frames: (0.0, 0) });
+        self.state(cell).costs.prepare_s = Some(begun.elapsed().as_secs_f64());
         Ok(bytes)
     }
 
@@ -460,27 +459,32 @@ impl Executor for CellExecutor<'_, '_> {
         Ok(waker.wake(gpu)?)
     }
 
-    fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
+    fn time_frame(&mut self, cell: usize) -> Result<FrameSample, Failure> {
         self.frame(
             cell,
-            |timer, gpu, stages| Ok(timer.timed(gpu, stages)?),
+            |timer, gpu, stages| Ok(timer.time_stages(gpu, stages)?),
             |frame| frame.envelope_ns,
         )
     }
 
-    fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
-        self.frame(cell, |timer, gpu, stages| Ok(timer.untimed(gpu, stages)?), |wall_ns| *wall_ns)
+    fn run_frame(&mut self, cell: usize) -> Result<f64, Failure> {
+        self.frame(
+            cell,
+            |timer, gpu, stages| Ok(timer.run_stages(gpu, stages)?),
+            |wall_ns| *wall_ns,
+        )
     }
 
-    fn earlier(&mut self, cell: usize) -> Samples {
-        self.known.samples.get(&cell).cloned().unwrap_or_default()
+    fn earlier_samples(&mut self, cell: usize) -> Samples {
+        self.progress.samples.get(&cell).cloned().unwrap_or_default()
     }
 
-    fn keep(&mut self, cell: usize, samples: &Samples) -> Result<(), RecordError> {
+    fn save(&mut self, cell: usize, samples: &Samples) -> Result<(), RecordError> {
         let Some(built) = self.built.get(&cell) else { return Ok(()) };
-        let samples = Samples { stopped: Stopped::Interrupted, ..samples.clone() };
-        let found = self.known.findings.get(&cell).cloned().unwrap_or_else(Findings::unfinished);
-        let mut measured = self.measured(cell, &samples, &built.pipeline, found);
+        let samples = Samples { stopped: StopReason::Interrupted, ..samples.clone() };
+        let found =
+            self.progress.findings.get(&cell).cloned().unwrap_or_else(CellFindings::unfinished);
+        let mut measured = self.build_record(cell, &samples, &built.pipeline, found);
         for stage in &mut measured.stages {
             let share = stage.share_of(&self.session.ceilings);
             // Before it is believed the limit is measured again, when the cell is finished.
@@ -488,8 +492,8 @@ impl Executor for CellExecutor<'_, '_> {
         }
         let record = self.cells[cell].record(Outcome::Measured(Box::new(measured)));
         self.state(cell).pairs = samples.pairs();
-        self.known.samples.insert(cell, samples);
-        self.output.held.writer.hand_over(&[Record::Cell(Box::new(record))])
+        self.progress.samples.insert(cell, samples);
+        self.output.folder.writer.append_unsynced(&[Record::Cell(Box::new(record))])
     }
 
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), RecordError> {
@@ -497,25 +501,25 @@ impl Executor for CellExecutor<'_, '_> {
         let record = result.and_then(|samples| self.sampled(cell, &samples));
         let frames = self.built.get(&cell).map_or((0.0, 0), |built| built.frames);
         let state = self.state(cell);
-        (state.recorded, state.out, state.pairs) = (true, record.is_err(), samples.pairs());
+        (state.recorded, state.is_excluded, state.pairs) = (true, record.is_err(), samples.pairs());
         state.half_width = samples.relative_half_width();
         if frames.1 > 0 {
-            state.seen.pair_s = Some(2.0 * frames.0 / f64::from(frames.1));
+            state.costs.pair_s = Some(2.0 * frames.0 / f64::from(frames.1));
         }
-        self.known.samples.insert(cell, samples);
+        self.progress.samples.insert(cell, samples);
         let planned = &self.cells[cell];
         match record {
             Ok(record) => {
-                self.known.records.insert(record.cell.clone(), record.clone());
+                self.progress.records.insert(record.cell.clone(), record.clone());
                 self.output.finish(record)
             }
             Err(reason) => {
                 let CellPlan { experiment, cell, .. } = &planned.plan;
-                if self.known.records.get(cell).and_then(Cell::measured).is_none() {
+                if self.progress.records.get(cell).and_then(Cell::measured).is_none() {
                     return self.output.finish(planned.record(Outcome::Failed { reason }));
                 }
                 // What was measured before it failed stands.
-                tell::note(format!("{experiment} {cell}: not sampled on: {reason}"));
+                print::note(format!("{experiment} {cell}: not sampled on: {reason}"));
                 Ok(())
             }
         }
@@ -527,8 +531,8 @@ impl Executor for CellExecutor<'_, '_> {
         let _ = self.session.gpu.wait();
     }
 
-    fn lost(&self) -> Option<String> {
-        self.session.gpu.lost()
+    fn loss_reason(&self) -> Option<String> {
+        self.session.gpu.loss_reason()
     }
 
     fn chains(&self, cells: &[usize]) -> Vec<Vec<usize>> {
@@ -544,8 +548,8 @@ impl Executor for CellExecutor<'_, '_> {
         self.cells[cell].plan.errors_only
     }
 
-    fn foreseen(&self, cell: usize) -> Foreseen {
-        self.schedule.foreseen(self.number, cell)
+    fn forecast(&self, cell: usize) -> CostForecast {
+        self.schedule.forecast(self.number, cell)
     }
 
     fn now_s(&self) -> f64 {

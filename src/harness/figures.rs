@@ -16,17 +16,16 @@ use fathom_base::text::{check_id, did_you_mean};
 use fathom_experiments::flatten;
 use fathom_experiments::schema::one_line;
 use fathom_gpu::Gpu;
-use fathom_pipelines::Known;
+use fathom_pipelines::ReferenceCache;
 
 /// The name that stands for every figure.
 const ALL: &str = "all";
 /// Samples of a pixel where a panel and the command line say nothing.
 const SAMPLES: u32 = 4;
 
-/// A published figure.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Figure {
+pub struct PaperFigure {
     /// The file's stem.
     pub id: String,
     pub title: String,
@@ -42,17 +41,16 @@ pub struct Figure {
     pub scene: Option<String>,
     #[serde(default)]
     pub params: Map<String, Value>,
-    pub panel: Vec<Panel>,
+    pub panel: Vec<FigurePanel>,
     /// Words by their names. The panels are there once for each of these tables, with its words in place of their names in braces in
     /// captions and scenes.
     #[serde(default)]
     each: Vec<BTreeMap<String, String>>,
 }
 
-/// What is shown of a rendered frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Shown {
+pub enum FigureContent {
     /// Its picture.
     #[default]
     Image,
@@ -62,10 +60,9 @@ pub enum Shown {
     CausticsReference,
 }
 
-/// A picture of a figure.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Panel {
+pub struct FigurePanel {
     pub caption: String,
     pub pipeline: Option<String>,
     pub scene: Option<String>,
@@ -75,12 +72,12 @@ pub struct Panel {
     /// Samples of a pixel, a square number.
     pub samples: Option<u32>,
     #[serde(default)]
-    pub shows: Shown,
+    pub shows: FigureContent,
     /// The part that is shown, shares of width and height: left, top, right, bottom.
     pub crop: Option<[f64; 4]>,
 }
 
-impl Panel {
+impl FigurePanel {
     fn with(&self, words: &BTreeMap<String, String>) -> Self {
         let filled = |text: &String| {
             let word = |text: String, (name, word): (&String, &String)| {
@@ -101,15 +98,14 @@ fn two() -> u32 {
     2
 }
 
-/// A panel as it was rendered.
-pub struct Rendered {
+pub struct RenderedPanel {
     pub picture: RgbImage,
     /// Its greys are 1 − A.
     pub shows_visibility: bool,
     pub caption: String,
 }
 
-impl Figure {
+impl PaperFigure {
     /// Ids of the figures in these folders, by paper and number.
     pub fn ids(folders: &Folders) -> Vec<String> {
         let mut ids: Vec<String> = folders.stems(".toml").collect();
@@ -131,11 +127,11 @@ impl Figure {
 
     /// Every figure.
     pub fn all(folders: &Folders) -> Result<Vec<Self>> {
-        Self::named(folders, ALL).map(|(figures, _)| figures)
+        Self::find(folders, ALL).map(|(figures, _)| figures)
     }
 
     /// The figure of this id, those of a paper (`uw`), or all of them; and whether the name stands for several.
-    pub fn named(folders: &Folders, name: &str) -> Result<(Vec<Self>, bool)> {
+    pub fn find(folders: &Folders, name: &str) -> Result<(Vec<Self>, bool)> {
         let mut ids = Self::ids(folders);
         let several = name == ALL || ids.iter().any(|id| paper_of(id) == name);
         ids.retain(|id| name == ALL || paper_of(id) == name);
@@ -184,7 +180,7 @@ impl Figure {
     /// Pipeline, scene and parameters of a panel, those of `more` last.
     pub fn setting<'f>(
         &'f self,
-        panel: &'f Panel,
+        panel: &'f FigurePanel,
         more: &[(String, Value)],
     ) -> (&'f str, &'f str, Vec<(String, Value)>) {
         let named = |own: &'f Option<String>, of_all: &'f Option<String>| {
@@ -202,25 +198,27 @@ impl Figure {
         subjects: &mut Subjects,
         more: &[(String, Value)],
         samples: Option<u32>,
-    ) -> Result<Vec<Rendered>> {
-        let mut known = Known::of_earlier_runs();
-        let mut rendered = |panel: &Panel| -> Result<Rendered> {
+    ) -> Result<Vec<RenderedPanel>> {
+        let mut known = ReferenceCache::load();
+        let mut rendered = |panel: &FigurePanel| -> Result<RenderedPanel> {
             let (pipeline, scene, params) = self.setting(panel, more);
             let subject = subjects.subject(pipeline, scene, &params)?;
             let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
             let (mut picture, shows_visibility) = match panel.shows {
-                Shown::Image => render::image(gpu, &subject, samples)?,
-                Shown::Caustics => (render::caustics(gpu, &subject, &mut known, false)?, false),
-                Shown::CausticsReference => {
+                FigureContent::Image => render::image(gpu, &subject, samples)?,
+                FigureContent::Caustics => {
+                    (render::caustics(gpu, &subject, &mut known, false)?, false)
+                }
+                FigureContent::CausticsReference => {
                     (render::caustics(gpu, &subject, &mut known, true)?, false)
                 }
             };
             if let Some(crop) = panel.crop {
                 picture = cropped(&picture, crop);
             }
-            Ok(Rendered { picture, shows_visibility, caption: caption(panel, &subject) })
+            Ok(RenderedPanel { picture, shows_visibility, caption: caption(panel, &subject) })
         };
-        let named = |panel: &Panel| {
+        let named = |panel: &FigurePanel| {
             let told = |error| anyhow!("figure `{}`, panel `{}`: {error}", self.id, panel.caption);
             rendered(panel).map_err(told)
         };
@@ -229,7 +227,7 @@ impl Figure {
 }
 
 /// A panel's caption, which tells where a stand-in takes a mesh's place.
-fn caption(panel: &Panel, subject: &Subject) -> String {
+fn caption(panel: &FigurePanel, subject: &Subject) -> String {
     let stand_in = if subject.scene.stand_ins.is_empty() { "" } else { " [stand-in]" };
     format!("{}{stand_in}", panel.caption)
 }
@@ -243,7 +241,7 @@ fn cropped(picture: &RgbImage, [left, top, right, bottom]: [f64; 4]) -> RgbImage
 
 /// Name of a panel's file: `uw-5-a.png`. Where the panels are there once for each of several words: `vao-8-a1.png`, `vao-8-a2.png`,
 /// `vao-8-b1.png`, a letter for each of these words.
-pub fn panel_file(folder: &Path, figure: &Figure, number: usize) -> PathBuf {
+pub fn panel_file(folder: &Path, figure: &PaperFigure, number: usize) -> PathBuf {
     let of_each = figure.panel.len() / figure.each.len().max(1);
     let letter = |place: usize| char::from(b'a' + (place % 26) as u8);
     let panel = match figure.each.len() {
@@ -266,30 +264,30 @@ mod tests {
 
     #[test]
     fn a_name_stands_for_a_figure_a_paper_or_all() {
-        let folders = Folders::of(FIGURES);
-        let named = |name| Figure::named(&folders, name).unwrap();
+        let folders = Folders::new(FIGURES);
+        let named = |name| PaperFigure::find(&folders, name).unwrap();
         let (all, several) = named("all");
-        assert!(several && all.len() == Figure::ids(&folders).len());
+        assert!(several && all.len() == PaperFigure::ids(&folders).len());
         let (of_paper, several) = named("uw");
         assert!(several && of_paper.len() > 1 && of_paper.len() < all.len());
         assert!(of_paper.iter().all(|figure| paper_of(&figure.id) == "uw"));
         let (one, several) = named("uw-5");
         assert!(!several && one.len() == 1 && one[0].id == "uw-5");
-        assert!(Figure::named(&folders, "u").is_err());
+        assert!(PaperFigure::find(&folders, "u").is_err());
     }
 
     #[test]
     fn every_figure_parses_its_parameters_exist_and_a_software_adapter_draws_it() {
-        let (folders, catalog) = (Folders::of(FIGURES), Catalog::builtin());
+        let (folders, catalog) = (Folders::new(FIGURES), Catalog::builtin());
         let ground = Scene::load("plane").unwrap();
         let software = Capacity { frame_s: Some(30.0), threads: 2, ..Capacity::default() };
         let two_threads = software.for_figures();
-        let ids = Figure::ids(&folders);
+        let ids = PaperFigure::ids(&folders);
         for id in ["uw-5", "uw-6", "uw-9", "uw-10", "vao-3", "vao-7", "vao-8", "vao-14"] {
             assert!(ids.iter().any(|known| known == id), "{id} is missing");
         }
         for id in ids {
-            let figure = Figure::load(&folders, &id).unwrap_or_else(|error| panic!("{error}"));
+            let figure = PaperFigure::load(&folders, &id).unwrap_or_else(|error| panic!("{error}"));
             let files = (0..figure.panel.len()).map(|n| panel_file(Path::new(""), &figure, n));
             assert!(files.clone().all_unique(), "{id}: {:?}", files.collect::<Vec<_>>());
             for panel in &figure.panel {
@@ -315,7 +313,7 @@ mod tests {
 
     #[test]
     fn files_of_panels_have_the_letters_of_their_captions() {
-        let figure = Figure::load(&Folders::of(FIGURES), "vao-8").unwrap();
+        let figure = PaperFigure::load(&Folders::new(FIGURES), "vao-8").unwrap();
         for (number, panel) in figure.panel.iter().enumerate() {
             let file = panel_file(Path::new(""), &figure, number);
             let letter = panel.caption.chars().nth(1).unwrap();
@@ -325,14 +323,14 @@ mod tests {
 
     #[test]
     fn figures_are_listed_by_number() {
-        let ids = Figure::ids(&Folders::of(FIGURES));
+        let ids = PaperFigure::ids(&Folders::new(FIGURES));
         let place = |id: &str| ids.iter().position(|known| known == id).unwrap();
         assert!(place("uw-9") < place("uw-10") && place("uw-10") < place("vao-1"), "{ids:?}");
     }
 
-    fn parse(panel: &str) -> Result<Figure, String> {
+    fn parse(panel: &str) -> Result<PaperFigure, String> {
         let head = "id = \"f\"\ntitle = \"\"\nsource = \"\"\nabout = \"\"\n";
-        Figure::parse("f", &format!("{head}{panel}"))
+        PaperFigure::parse("f", &format!("{head}{panel}"))
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub fn costs(
         stage: stage.name().into(),
         encode: estimated(&|frame| frame.stages_ns[place]),
     };
-    let (again, of_all) = gpu.making_all_pipelines(|| subject.build(gpu));
+    let (again, of_all) = gpu.time_all_pipelines(|| subject.build(gpu));
     drop(again?);
     // Otherwise cells before this one have made some of them.
     let is_first = made.count == of_all.count;

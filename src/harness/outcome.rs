@@ -9,7 +9,7 @@ use fathom_record::{ErrorFigure, HostCosts, Measured, Note, NoteKind, Picture, S
 
 /// What is found out about a cell after its last frame, and what could not be.
 #[derive(Clone, Default)]
-pub struct Findings {
+pub struct CellFindings {
     pub quantities: BTreeMap<String, f64>,
     /// See [`Measured::repeated`].
     pub repeated: BTreeMap<String, Vec<f64>>,
@@ -20,7 +20,7 @@ pub struct Findings {
 }
 
 /// Notes that follow from the samples alone.
-const OF_SAMPLES: [NoteKind; 5] = [
+const SAMPLE_NOTES: [NoteKind; 5] = [
     NoteKind::Resumed,
     NoteKind::Unsteady,
     NoteKind::Imprecise,
@@ -28,12 +28,12 @@ const OF_SAMPLES: [NoteKind; 5] = [
     NoteKind::Throttled,
 ];
 
-impl Findings {
+impl CellFindings {
     /// Those that an earlier run left in a record.
     pub fn recorded(measured: &Measured) -> Self {
         let Measured { quantities, repeated, errors, mut notes, pictures, host, .. } =
             measured.clone();
-        notes.retain(|note| !OF_SAMPLES.contains(&note.kind));
+        notes.retain(|note| !SAMPLE_NOTES.contains(&note.kind));
         Self { quantities, repeated, errors, notes, pictures, host }
     }
 
@@ -45,15 +45,15 @@ impl Findings {
 }
 
 /// The record of a measured cell, whose frame time was to have this precision. Quantities that are not finite are left out and noted.
-pub fn measured(
+pub fn build_record(
     samples: &Samples,
     pipeline: &AnyPipeline,
     counters: &[StageCounters],
-    found: Findings,
+    found: CellFindings,
     precision: f64,
 ) -> Measured {
     let frame = frame_record(samples);
-    let Findings { mut quantities, repeated, mut errors, mut notes, pictures, host } = found;
+    let CellFindings { mut quantities, repeated, mut errors, mut notes, pictures, host } = found;
     notes.extend(sampling_notes(samples, &frame.untimed, precision));
     let mut is_finite = |name: &str, value: f64| {
         let left_out = || format!("{name} left out: it is not a finite number");
@@ -90,7 +90,7 @@ fn stage_records(
     }
     let record = |(place, name): (usize, &str)| {
         let stage = stages.iter().find(|stage| stage.name() == name);
-        let work = stage.map(|stage| (stage.work, stage.least_work)).unwrap_or_default();
+        let work = stage.map(|stage| (stage.work, stage.min_work)).unwrap_or_default();
         let counted = counters.iter().find(|stage| stage.name == name);
         let counted = counted.map(|stage| stage.counters.clone()).unwrap_or_default();
         stage_record(samples, (place, name), work, counted)

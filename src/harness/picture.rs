@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 
-use fathom_base::folder::{self, Folder};
+use fathom_base::folder::{self, Dir};
 use fathom_gpu::{Gpu, read_texture};
 use fathom_pipelines::AnyPipeline;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -15,12 +15,12 @@ use image::{Rgb, RgbImage};
 const GAMMA: f32 = 2.2;
 
 /// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
-pub fn bare(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage> {
-    reduced(gpu, pipeline, 1)
+pub fn read_image(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage> {
+    read_downscaled(gpu, pipeline, 1)
 }
 
 /// The same, `factor` times smaller: each pixel is the mean of a square of them. Light is averaged as light, visibility as it is.
-pub fn reduced(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImage> {
+pub fn read_downscaled(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImage> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;
@@ -51,26 +51,25 @@ fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>, gamma: f32) -> [u8; 3] {
     std::array::from_fn(byte)
 }
 
-/// Writes a picture within a folder, as PNG.
-pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<()> {
+pub fn write(image: &RgbImage, folder: &Dir, name: &Path) -> Result<()> {
     let path = folder.path().join(name);
     if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
-        return Err(unwritten(&path, "pictures are PNG files, so their names end in `.png`"));
+        return Err(write_error(&path, "pictures are PNG files, so their names end in `.png`"));
     }
     let mut bytes = Vec::new();
     let (compression, filter) = (CompressionType::Default, FilterType::Adaptive);
     let encoder = PngEncoder::new_with_quality(&mut bytes, compression, filter);
-    image.write_with_encoder(encoder).map_err(|error| unwritten(&path, error))?;
-    folder.write(name, &bytes).map_err(|error| unwritten(&path, error))
+    image.write_with_encoder(encoder).map_err(|error| write_error(&path, error))?;
+    folder.write(name, &bytes).map_err(|error| write_error(&path, error))
 }
 
 /// Writes a picture to a path that the user names.
 pub fn write_to(image: &RgbImage, path: &Path) -> Result<()> {
-    let (folder, name) = folder::of(path).map_err(|error| unwritten(path, error))?;
+    let (folder, name) = folder::open_parent(path).map_err(|error| write_error(path, error))?;
     write(image, &folder, name)
 }
 
-pub fn unwritten(path: &Path, reason: impl Display) -> anyhow::Error {
+pub fn write_error(path: &Path, reason: impl Display) -> anyhow::Error {
     anyhow!("cannot write {}: {reason}", path.display())
 }
 

@@ -13,10 +13,10 @@ use super::catalog::{Catalog, SubjectError};
 use super::repetitions::PlannedRepetitions;
 use super::shard;
 use super::subject::{Subject, Subjects};
-use super::views::View;
+use super::views::TurnedView;
 use fathom_base::private;
 use fathom_base::text::did_you_mean;
-use fathom_experiments::defaults::{self, Choice};
+use fathom_experiments::defaults::{self, CellSettings};
 use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
@@ -55,7 +55,7 @@ impl Request {
         let is_scene = |name: &str| catalog.scenes.text(&format!("{name}.toml")).is_some();
         let load = |name: &String| match Experiment::load_from(&catalog.experiments, name) {
             Err(_) if is_scene(name) => {
-                Err(ExperimentError::of(name, "this is a scene; see `fathom list experiments`"))
+                Err(ExperimentError::new(name, "this is a scene; see `fathom list experiments`"))
             }
             loaded => loaded,
         };
@@ -113,7 +113,7 @@ pub struct PlannedCell {
     /// What its result is held against; see [`CellPlan::reference`].
     pub reference: Option<Subject>,
     /// The same and seen from elsewhere, where the experiment asks for views.
-    pub views: Option<Vec<View>>,
+    pub views: Option<Vec<TurnedView>>,
     pub repetitions: Option<PlannedRepetitions>,
 }
 
@@ -124,8 +124,8 @@ impl PlannedCell {
         let params = self.subject.params.clone().into();
         let scene = private::path(Path::new(&scene));
         let outcome = match outcome {
-            Outcome::Skipped { reason } => Outcome::Skipped { reason: private::words(&reason) },
-            Outcome::Failed { reason } => Outcome::Failed { reason: private::words(&reason) },
+            Outcome::Skipped { reason } => Outcome::Skipped { reason: private::redact(&reason) },
+            Outcome::Failed { reason } => Outcome::Failed { reason: private::redact(&reason) },
             other @ (Outcome::Measured(_) | Outcome::OverBudget) => other,
         };
         record::Cell { experiment, cell, axes, pipeline, scene, stand_ins, params, outcome }
@@ -156,10 +156,10 @@ pub fn plan(
     (capacity, catalog): (&Capacity, &Catalog),
     in_time: &dyn Fn() -> Result<()>,
 ) -> Result<Vec<PlannedExperiment>> {
-    let mut subjects = Subjects::of(catalog).within(capacity);
+    let mut subjects = Subjects::new(catalog).with_capacity(capacity);
     let mut expanded = expand(&experiments, request, profile)?;
     if let Some(part) = request.part {
-        shard::keep(part, &experiments, &mut expanded);
+        shard::retain_shard(part, &experiments, &mut expanded);
     }
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
@@ -188,13 +188,13 @@ fn planned_cell(
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
     let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
-    let views = turns_deg.and_then(|turns_deg| View::all(&of_cell, turns_deg));
+    let views = turns_deg.and_then(|turns_deg| TurnedView::all(&of_cell, turns_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
         let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;
         repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
     }
-    let skip = of_cell.beyond(capacity).map_err(error)?;
+    let skip = of_cell.limits_exceeded(capacity).map_err(error)?;
     let declared_s = match &skip {
         Some(_) => 0.0,
         None => capacity.frame_time_s(&of_cell.plan().map_err(error)?.demand),
@@ -215,12 +215,12 @@ pub fn sweeps(planned: &[PlannedExperiment]) -> Vec<(usize, Vec<usize>)> {
 
 /// Of each pipeline the cell that is nearest to its defaults, of those that are timed and of no sweep: its experiment's number and its own.
 pub fn first_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
-    let mut by_pipeline = BTreeMap::<&str, Vec<((usize, usize), Choice<'_>)>>::new();
+    let mut by_pipeline = BTreeMap::<&str, Vec<((usize, usize), CellSettings<'_>)>>::new();
     for (experiment, of) in planned.iter().enumerate().filter(|(_, of)| !of.is_sweep()) {
         for (index, cell) in of.cells.iter().enumerate() {
             let PlannedCell { plan, subject, skip, .. } = cell;
             if skip.is_none() && !plan.errors_only {
-                let choice = Choice {
+                let choice = CellSettings {
                     swept: !plan.axes.is_empty(),
                     settings: Some(plan.settings()),
                     scene: &plan.scene,
@@ -230,7 +230,7 @@ pub fn first_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
             }
         }
     }
-    let nearest = |cells: Vec<((usize, usize), Choice<'_>)>| {
+    let nearest = |cells: Vec<((usize, usize), CellSettings<'_>)>| {
         let (places, choices): (Vec<_>, Vec<_>) = cells.into_iter().unzip();
         let distances = defaults::distances(&choices);
         let nearest = places.into_iter().zip(distances).min_by_key(|(_, distance)| *distance);

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use fathom_base::tell;
+use fathom_base::print;
 use fathom_base::text;
 use fathom_experiments::CellPlan;
 use fathom_record::{Cell, Outcome};
@@ -27,7 +27,7 @@ pub struct Progress {
     pub finished: BTreeSet<(String, String)>,
     /// Of each experiment, by its number: claims that are settled, of all.
     claims: BTreeMap<usize, (usize, usize)>,
-    told: Instant,
+    last_printed: Instant,
 }
 
 impl Progress {
@@ -40,7 +40,7 @@ impl Progress {
             .unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::with_draw_target(Some(STEPS), target).with_style(style);
         let (finished, claims) = (BTreeSet::new(), BTreeMap::new());
-        Self { bar, start, budget_s, cells, finished, claims, told: Instant::now() }
+        Self { bar, start, budget_s, cells, finished, claims, last_printed: Instant::now() }
     }
 
     /// A cell's pipeline is about to be built.
@@ -55,9 +55,9 @@ impl Progress {
             let used = self.start.elapsed().as_secs_f64() / self.budget_s;
             self.bar.set_position((used.min(1.0) * STEPS as f64) as u64);
             self.bar.set_message(text::line(&format!("{}  {}", self.line(), self.bar.prefix())));
-        } else if self.told.elapsed() >= INTERVAL {
-            tell::note(self.line());
-            self.told = Instant::now();
+        } else if self.last_printed.elapsed() >= INTERVAL {
+            print::note(self.line());
+            self.last_printed = Instant::now();
         }
     }
 
@@ -70,11 +70,10 @@ impl Progress {
             Outcome::Failed { reason } => ("failed", reason),
         };
         let line = text::line(&format!("{} {}: {what}: {reason}", cell.experiment, cell.cell));
-        if self.bar.is_hidden() { tell::note(line) } else { self.bar.println(line) }
+        if self.bar.is_hidden() { print::note(line) } else { self.bar.println(line) }
     }
 
-    /// Of an experiment's claims so many are settled.
-    pub fn settled(&mut self, experiment: usize, settled: usize, claims: usize) {
+    pub fn set_settled(&mut self, experiment: usize, settled: usize, claims: usize) {
         self.claims.insert(experiment, (settled, claims));
     }
 
@@ -124,9 +123,9 @@ mod tests {
         };
         // A cell that is sampled once more is not another cell.
         ["a", "a", "b"].map(cell).iter().for_each(|cell| progress.finished(cell));
-        progress.settled(0, 1, 2);
-        progress.settled(4, 0, 3);
-        progress.settled(0, 2, 2);
+        progress.set_settled(0, 1, 2);
+        progress.set_settled(4, 0, 3);
+        progress.set_settled(0, 2, 2);
         assert_eq!(progress.line(), "0:00 of 4:00, 2 of 3 cells, 2 of 5 claims settled");
         assert_eq!(clock(3_725.0), "62:05");
     }

@@ -45,7 +45,7 @@ pub struct SurfaceRow {
 /// fault, its line and column.
 pub fn read(path: &Path) -> Result<Vec<SurfaceRow>> {
     let shown = path.display();
-    let file = input::plain(path, MAX_POINTS_FILE);
+    let file = input::open_limited(path, MAX_POINTS_FILE);
     let file = file.map_err(|error| anyhow!("cannot read {shown}: {error}"))?;
     parse(file).map_err(|fault| anyhow!("{shown}, {fault}"))
 }
@@ -77,14 +77,14 @@ pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[SurfaceRow]) -> Result<Ve
         point_query(resources, &subject.scene, &params, &points).map(drop)
     };
     check(gpu, plan)?;
-    Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, &params, &points))?)
+    Ok(gpu.catch(|| occlusion_at(gpu, &subject.scene, &params, &points))?)
 }
 
 /// Holds what `plan` makes against the adapter, before anything is allocated.
 fn check(gpu: &Gpu, plan: impl FnOnce(&Resources<'_>) -> Result<(), GpuError>) -> Result<()> {
     let planner = Gpu::planner()?;
     let resources = Resources::new(planner);
-    planner.scoped(|| plan(&resources))?;
+    planner.catch(|| plan(&resources))?;
     gpu.check(&resources.into_parts().demand).map_err(anyhow::Error::msg)
 }
 
@@ -130,7 +130,7 @@ pub fn write(
         let numbers = numbers([row.position_m, row.normal]);
         numbers.chain(answers.map(|answer| format!("{answer:.6}"))).collect()
     };
-    written(target, writer, header, rows.iter().zip(occlusion).enumerate().map(row))
+    write_rows(target, writer, header, rows.iter().zip(occlusion).enumerate().map(row))
 }
 
 /// The fields of two vectors.
@@ -139,7 +139,7 @@ fn numbers(vectors: [DVec3; 2]) -> impl Iterator<Item = String> {
 }
 
 /// Writes rows below a header; `target` names the writer in errors.
-fn written(
+fn write_rows(
     target: &str,
     writer: impl Write,
     header: Vec<String>,

@@ -6,8 +6,8 @@ use image::RgbImage;
 use super::picture;
 use super::subject::Subject;
 use fathom_gpu::{Gpu, GpuError};
-use fathom_pipelines::caustics_image::Compared;
-use fathom_pipelines::{AnyPipeline, Judge, Known};
+use fathom_pipelines::caustics_image::CausticsPair;
+use fathom_pipelines::{AnyPipeline, Judge, ReferenceCache};
 
 /// Builds the subject's pipeline and runs one frame, untimed.
 pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<AnyPipeline>, GpuError> {
@@ -20,17 +20,22 @@ pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<AnyPipeline>, GpuError>
 /// Also tells whether its greys are visibility.
 pub fn image(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<(RgbImage, bool)> {
     let factor = samples.isqrt();
-    let larger = subject.enlarged(factor).filter(|_| factor > 1);
+    let larger = subject.upscaled(factor).filter(|_| factor > 1);
     let factor = if larger.is_some() { factor } else { 1 };
     let pipeline = frame(gpu, larger.as_ref().unwrap_or(subject))?;
-    let image = picture::reduced(gpu, pipeline.as_ref(), factor)?;
+    let image = picture::read_downscaled(gpu, pipeline.as_ref(), factor)?;
     Ok((image, pipeline.shows_visibility()))
 }
 
-/// The subject's caustics, or those of the photon map in their place; see [`Compared::picture`].
-pub fn caustics(gpu: &Gpu, subject: &Subject, known: &mut Known, exact: bool) -> Result<RgbImage> {
+/// The subject's caustics, or those of the photon map in their place; see [`CausticsPair::picture`].
+pub fn caustics(
+    gpu: &Gpu,
+    subject: &Subject,
+    references: &mut ReferenceCache,
+    exact: bool,
+) -> Result<RgbImage> {
     let pipeline = frame(gpu, subject)?;
-    let mut judge = Judge { gpu, scene: &subject.scene, known, asked: &[] };
-    let compared: Compared = pipeline.caustics(&mut judge)?;
+    let mut judge = Judge { gpu, scene: &subject.scene, references, requested: &[] };
+    let compared: CausticsPair = pipeline.caustics(&mut judge)?;
     Ok(compared.picture(exact))
 }

@@ -37,13 +37,13 @@ pub fn noise_and_bias(
     // One pipeline at a time: only the outputs are kept.
     for subject in &planned.repeated {
         let pipeline = subject.build(gpu)?;
-        timer.untimed(gpu, &pipeline.stages())?;
+        timer.run_stages(gpu, &pipeline.stages())?;
         for (images, output) in images.iter_mut().zip(outputs) {
             images.push(image(gpu, pipeline.as_ref(), &output.stages)?);
         }
     }
-    let repeated: Vec<Repeated> =
-        images.iter().map(|images| Repeated::of(images)).collect::<Result<_>>()?;
+    let repeated: Vec<OutputNoise> =
+        images.iter().map(|images| OutputNoise::from_images(images)).collect::<Result<_>>()?;
     let stages: Vec<&[String]> = outputs.iter().map(|output| output.stages.as_slice()).collect();
     let bias = references.images(gpu, timer, &planned.limit, &stages).and_then(|limits| {
         repeated.iter().zip(limits).map(|(repeated, limit)| repeated.bias(limit)).collect()
@@ -51,25 +51,24 @@ pub fn noise_and_bias(
     Ok(NoiseAndBias { noise: repeated.into_iter().map(|repeated| repeated.noise).collect(), bias })
 }
 
-/// The repetitions of an output.
-struct Repeated {
+struct OutputNoise {
     middle: Vec<f64>,
     level: f64,
     noise: Vec<f64>,
     /// Mean square of the noise of the mean.
-    of_mean: f64,
+    mean_noise: f64,
 }
 
-impl Repeated {
-    fn of(images: &[Pixels]) -> Result<Self> {
+impl OutputNoise {
+    fn from_images(images: &[Pixels]) -> Result<Self> {
         ensure!(
             images.iter().map(|image| image.data.len()).all_equal(),
             "the repetitions' images differ in size"
         );
         let count = images.len() as f64;
         // Means over every other repetition, each of which is spread evenly over the unit square.
-        let half = |first: usize| middle(images.iter().skip(first).step_by(2));
-        let (halves, whole) = ([half(0), half(1)], middle(images.iter()));
+        let half = |first: usize| mean_image(images.iter().skip(first).step_by(2));
+        let (halves, whole) = ([half(0), half(1)], mean_image(images.iter()));
         let level = mean(whole.iter().copied());
         ensure!(level > 0.0, "the image is black");
         // A repetition is part of the mean that it is held against, so that its difference from it is too small by this factor.
@@ -80,8 +79,8 @@ impl Repeated {
             .map(|image| (own * mean_square_difference(image, &whole)).sqrt() / level)
             .collect();
         // Half the difference of the halves errs as their mean does.
-        let of_mean = mean_square(halves[0].iter().copied(), &halves[1]) / 4.0;
-        Ok(Self { middle: whole, level, noise, of_mean })
+        let mean_noise = mean_square(halves[0].iter().copied(), &halves[1]) / 4.0;
+        Ok(Self { middle: whole, level, noise, mean_noise })
     }
 
     fn bias(&self, limit: &Pixels) -> Result<f64> {
@@ -89,7 +88,7 @@ impl Repeated {
             limit.data.len() == self.middle.len(),
             "the dense limit's image differs in size from the repetitions'"
         );
-        Ok((mean_square_difference(limit, &self.middle) - self.of_mean).max(0.0).sqrt()
+        Ok((mean_square_difference(limit, &self.middle) - self.mean_noise).max(0.0).sqrt()
             / self.level)
     }
 }
@@ -99,7 +98,7 @@ fn mean_square_difference(image: &Pixels, middle: &[f64]) -> f64 {
 }
 
 /// Mean of images, texel by texel.
-fn middle<'a>(images: impl Iterator<Item = &'a Pixels>) -> Vec<f64> {
+fn mean_image<'a>(images: impl Iterator<Item = &'a Pixels>) -> Vec<f64> {
     let (mut sums, mut count) = (Vec::new(), 0.0);
     for image in images {
         sums.resize(image.data.len(), 0.0);
@@ -132,12 +131,12 @@ mod tests {
     }
 
     /// Repetitions of level 2 with noise of a standard deviation of `noise`, about a limit that lies `bias` beside their mean.
-    fn found(noise: f64, bias: f64) -> (Vec<f64>, f64) {
+    fn noise_and_bias(noise: f64, bias: f64) -> (Vec<f64>, f64) {
         let mut random = Pcg64::seed_from_u64(3);
         // A uniform number of standard deviation 1.
         let mut unit = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
         let images: Vec<Pixels> = (0..8).map(|_| picture(|| 2.0 + 2.0 * noise * unit())).collect();
-        let repeated = Repeated::of(&images).unwrap();
+        let repeated = OutputNoise::from_images(&images).unwrap();
         let bias = repeated.bias(&picture(|| 2.0 + 2.0 * bias)).unwrap();
         (repeated.noise, bias)
     }
@@ -145,7 +144,7 @@ mod tests {
     #[test]
     fn noise_is_told_from_bias() {
         for (noise, bias) in [(0.2, 0.0), (0.2, 0.1), (0.01, 0.1), (0.4, 0.05)] {
-            let (noises, found) = found(noise, bias);
+            let (noises, found) = noise_and_bias(noise, bias);
             assert_eq!(noises.len(), 8);
             for of_one in &noises {
                 assert!((of_one / noise - 1.0).abs() < 0.05, "{noise} {bias}: {noises:?}");
@@ -157,7 +156,7 @@ mod tests {
 
     #[test]
     fn equal_repetitions_have_no_noise() {
-        let (noises, bias) = found(0.0, 0.3);
+        let (noises, bias) = noise_and_bias(0.0, 0.3);
         assert!(noises.iter().all(|noise| *noise == 0.0));
         assert!((bias - 0.3).abs() < 1e-6);
     }

@@ -7,8 +7,8 @@ use itertools::Itertools as _;
 
 use super::progress::Progress;
 use super::schedule::Schedule;
-use fathom_record::output::Held;
-use fathom_record::{Cell, Record, RecordError, Run, Standing};
+use fathom_record::output::Recording;
+use fathom_record::{Cell, Record, RecordError, Run, RunProgress};
 
 /// Kept for the last records and the end of the process, seconds.
 const LAST_STEPS_S: f64 = 0.2;
@@ -16,18 +16,18 @@ const LAST_STEPS_S: f64 = 0.2;
 /// Reports are written no more often than this,
 const INTERVAL: Duration = Duration::from_secs(30);
 /// and take no more than this share of the time.
-const MOST_SHARE: f64 = 0.03;
+const MAX_SHARE: f64 = 0.03;
 /// What the last report takes longer than the one before: it has more cells.
 const GROWTH: f64 = 1.5;
 /// Foreseen for a report before the first.
 const UNSEEN: Duration = Duration::from_millis(500);
 
 /// Makes a report of these records in this folder.
-pub type Report<'r> = &'r mut dyn FnMut(&Path, &[Record], Standing);
+pub type MakeReport<'r> = &'r mut dyn FnMut(&Path, &[Record], RunProgress);
 
 /// When reports are made.
 pub struct Reports<'r> {
-    report: Report<'r>,
+    report: MakeReport<'r>,
     pub budget_s: f64,
     /// The end of the latest, and how long it took.
     latest: Option<(Instant, Duration)>,
@@ -36,19 +36,19 @@ pub struct Reports<'r> {
 }
 
 impl<'r> Reports<'r> {
-    pub fn new(report: Report<'r>, budget_s: f64) -> Self {
+    pub fn new(report: MakeReport<'r>, budget_s: f64) -> Self {
         Self { report, budget_s, latest: None, spent_s: 0.0 }
     }
 
     /// There was none, and one does not take too much of the budget.
     pub fn may_begin(&self) -> bool {
-        self.latest.is_none() && self.reserve_s() <= MOST_SHARE * self.budget_s
+        self.latest.is_none() && self.reserve_s() <= MAX_SHARE * self.budget_s
     }
 
     /// One is due after the first, which comes when the run chooses.
     pub fn is_due(&self) -> bool {
         self.latest
-            .is_some_and(|(end, took)| end.elapsed() >= INTERVAL.max(took.div_f64(MOST_SHARE)))
+            .is_some_and(|(end, took)| end.elapsed() >= INTERVAL.max(took.div_f64(MAX_SHARE)))
     }
 
     /// Time to keep for the last one, seconds.
@@ -58,10 +58,10 @@ impl<'r> Reports<'r> {
 }
 
 /// Where records, pictures, reports and progress go.
-pub struct Output<'r> {
+pub struct RunOutput<'r> {
     /// When the command began.
     pub start: Instant,
-    pub held: Held,
+    pub folder: Recording,
     pub header: Run,
     pub progress: Progress,
     pub reports: Reports<'r>,
@@ -69,9 +69,9 @@ pub struct Output<'r> {
     pub records: Vec<Record>,
 }
 
-impl Output<'_> {
+impl RunOutput<'_> {
     pub fn write(&mut self, record: Record) -> Result<(), RecordError> {
-        self.held.writer.write(&record)?;
+        self.folder.writer.write(&record)?;
         self.records.push(record);
         Ok(())
     }
@@ -85,7 +85,7 @@ impl Output<'_> {
     pub fn finish_all(&mut self, cells: Vec<Cell>) -> Result<(), RecordError> {
         cells.iter().for_each(|cell| self.progress.finished(cell));
         let records = cells.into_iter().map(|cell| Record::Cell(Box::new(cell))).collect_vec();
-        self.held.writer.write_all(&records)?;
+        self.folder.writer.write_all(&records)?;
         self.records.extend(records);
         Ok(())
     }
@@ -102,13 +102,13 @@ impl Output<'_> {
     /// Makes a report of all records.
     pub fn report(&mut self, schedule: &Schedule) {
         let start = Instant::now();
-        let standing = Standing {
+        let standing = RunProgress {
             used_s: self.now_s(),
             budget_s: self.reports.budget_s,
             reached: schedule.all().filter(|cell| cell.recorded).count(),
             cells: schedule.all().count(),
         };
-        (self.reports.report)(&self.held.output.folder, &self.records, standing);
+        (self.reports.report)(&self.folder.output.folder, &self.records, standing);
         let took = start.elapsed();
         self.reports.latest = Some((Instant::now(), took));
         self.reports.spent_s += took.as_secs_f64();

@@ -9,22 +9,22 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail, ensure};
 
 use super::catalog::Catalog;
-use super::executor::{self, CellExecutor, KnownCells, Session, Spent};
+use super::executor::{self, CellExecutor, CellProgress, RunTimes, Session};
 use super::plan::{self, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
-use super::reports::{Output, Report, Reports};
+use super::reports::{MakeReport, Reports, RunOutput};
 use super::sample::{self, Goal, Settings};
-use super::schedule::{Batch, CellState, OpenClaim, Schedule, Seen, Unit};
+use super::schedule::{Batch, CellCosts, CellState, ClaimUnit, OpenClaim, Schedule};
 use super::{ceilings, memory};
-use fathom_base::folder::Folder;
-use fathom_base::{private, quiet, tell};
+use fathom_base::folder::Dir;
+use fathom_base::{print, private, quiet};
 use fathom_clock::Samples;
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_gpu as gpu;
 use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
 use fathom_record as record;
 use fathom_record::calendar;
-use fathom_record::output::Held;
+use fathom_record::output::Recording;
 use fathom_record::{
     Cell, Conditions, Definition, Earlier, End, FolderLock, Note, NoteKind, Outcome, OutcomeCounts,
     Part, PassKind, Profile, Record, RecordError, Run, SCHEMA, SetUp, ShaderChecks,
@@ -36,13 +36,13 @@ const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
 
 /// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
-const LEAST_BUDGET_OF_CEILINGS_S: f64 = 60.0;
+const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
 /// What a default budget has for set-up beside the time of its cells.
 const SET_UP_S: f64 = 30.0;
 
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
-pub struct Options {
+pub struct RunOptions {
     pub catalog: Catalog,
     pub gpu: gpu::Options,
     pub request: Request,
@@ -79,16 +79,16 @@ pub struct Summary {
 /// Measures what `options` ask for and writes records, since `start`. When `interrupted` is set, what has been
 /// measured so far is written and the run ends.
 pub fn run(
-    options: &Options,
+    options: &RunOptions,
     start: Instant,
-    report: Report<'_>,
+    report: MakeReport<'_>,
     interrupted: &AtomicBool,
 ) -> Result<Summary> {
     check(options)?;
     spread_references();
     let experiments = options.request.load(&options.catalog)?;
-    let resumed = options.resume.then(|| Held::resume(options.out.as_deref())).transpose()?;
-    let mut spent = Spent::default();
+    let resumed = options.resume.then(|| Recording::resume(options.out.as_deref())).transpose()?;
+    let mut spent = RunTimes::default();
     let now = spent.since(start, SetUp::Scenes);
     let gpu = Gpu::open(&options.gpu)?;
     let now = spent.since(now, SetUp::Device);
@@ -112,10 +112,10 @@ pub fn run(
     in_time()?;
     let held = match resumed {
         Some(held) => held,
-        None => Held::create(options.out.as_deref(), &gpu.adapter.title(), profile)?,
+        None => Recording::create(options.out.as_deref(), &gpu.adapter.title(), profile)?,
     };
     if let Some(given) = &request.given {
-        let folder = Folder::make(&held.output.folder);
+        let folder = Dir::make(&held.output.folder);
         let written = folder.and_then(|folder| folder.write(plan::GIVEN, given.text.as_bytes()));
         written.with_context(|| format!("cannot write {}", plan::GIVEN))?;
     }
@@ -124,21 +124,21 @@ pub fn run(
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard: part, ..header(options, &gpu, &audit, profile, seed) };
-    header.loop_turns = in_time().is_ok().then(|| gpu::loop_turns(&gpu)).transpose()?;
+    header.loop_turns = in_time().is_ok().then(|| gpu::measure_loop_turns(&gpu)).transpose()?;
     let plan = clock_plan(&mut header, audit.plan, &held.before);
     let earlier = record::earlier(&held.before, &header);
     let finished = finished(&planned, &earlier);
     plan::drop_finished(&mut planned, &earlier);
     let deadly = drop_deadly(&mut planned, &held.before, &header, &earlier);
-    let known: Vec<KnownCells> =
-        planned.iter().map(|planned| KnownCells::new(planned, &held.before, &earlier)).collect();
+    let progress: Vec<CellProgress> =
+        planned.iter().map(|planned| CellProgress::new(planned, &held.before, &earlier)).collect();
     let precision = options.precision.unwrap_or(profile.precision());
-    let schedule = schedule(&planned, &known, precision);
+    let schedule = schedule(&planned, &progress, precision);
     let budget_s =
         options.budget_s.unwrap_or_else(|| default_budget_s(profile, &planned, &schedule));
     let now = Instant::now();
     if !options.no_ceilings {
-        let is_short = budget_s < LEAST_BUDGET_OF_CEILINGS_S || in_time().is_err();
+        let is_short = budget_s < MIN_BUDGET_OF_CEILINGS_S || in_time().is_err();
         measure_limits((&gpu, plan), &mut header, &held.before, is_short)?;
     }
     spent.since(now, SetUp::Ceilings);
@@ -147,17 +147,17 @@ pub fn run(
         seed,
         round: next_round(&held.before).max(part.map_or(0, Part::first_round)),
         session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
-        output: Output {
+        output: RunOutput {
             start,
             records: held.before.clone(),
-            held,
+            folder: held,
             header,
             progress: Progress::new(schedule.all().count(), start, budget_s),
             reports: Reports::new(report, budget_s),
         },
         planned: &planned,
         finished,
-        known,
+        progress,
         schedule,
         interrupted,
     };
@@ -184,14 +184,14 @@ fn measure_limits(
     before: &[Record],
     is_short: bool,
 ) -> Result<()> {
-    let measured = (!is_short).then(|| ceilings::of_run(gpu, plan, header, before));
+    let measured = (!is_short).then(|| ceilings::load_or_measure(gpu, plan, header, before));
     let reason = match measured.transpose() {
         Ok(Some(ceilings)) => {
             header.ceilings = ceilings;
             return Ok(());
         }
         Ok(None) => "the time budget is too short".to_owned(),
-        Err(GpuError::Device(error)) if gpu.lost().is_none() => error.to_string(),
+        Err(GpuError::Device(error)) if gpu.loss_reason().is_none() => error.to_string(),
         Err(error) => return Err(error.into()),
     };
     let text = format!("the adapter's limits were not measured: {reason}");
@@ -206,11 +206,11 @@ fn drop_deadly(
     header: &Run,
     earlier: &BTreeMap<String, Earlier<'_>>,
 ) -> Vec<Cell> {
-    let deadly = record::deadly(before);
+    let deadly = record::crashed_cells(before);
     let is_deadly = |cell: &PlannedCell| {
         !earlier.contains_key(&cell.resume_key)
             && !deadly.is_empty()
-            && deadly.contains(&executor::begun(header, cell).id)
+            && deadly.contains(&executor::begin_record(header, cell).id)
     };
     let reason = "two processes ended while they built it or rendered its first frame";
     let failed = |cell: PlannedCell| cell.record(Outcome::Failed { reason: reason.to_owned() });
@@ -220,18 +220,18 @@ fn drop_deadly(
     planned.iter_mut().flat_map(of).collect()
 }
 
-fn schedule(planned: &[PlannedExperiment], known: &[KnownCells], precision: f64) -> Schedule {
-    let state = |(index, cell): (usize, &PlannedCell), known: &KnownCells| {
+fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], precision: f64) -> Schedule {
+    let state = |(index, cell): (usize, &PlannedCell), known: &CellProgress| {
         let samples = known.samples.get(&index);
         CellState {
             pipeline: cell.plan.pipeline.clone(),
             declared_s: cell.declared_s,
             untimed: cell.plan.errors_only,
             recorded: cell.skip.is_some() || known.findings.contains_key(&index),
-            out: cell.skip.is_some(),
+            is_excluded: cell.skip.is_some(),
             pairs: samples.map_or(0, Samples::pairs),
             half_width: samples.map_or(0.0, Samples::relative_half_width),
-            seen: Seen::default(),
+            costs: CellCosts::default(),
         }
     };
     let states = planned.iter().zip(known).map(|(planned, known)| {
@@ -242,7 +242,7 @@ fn schedule(planned: &[PlannedExperiment], known: &[KnownCells], precision: f64)
         let units = planned.experiment.units(&plans).into_iter();
         let unit = |cells: Vec<usize>| {
             let claims = planned.experiment.claims_on(&plans, &cells);
-            Unit { experiment, cells, claims }
+            ClaimUnit { experiment, cells, claims }
         };
         units.map(unit).collect::<Vec<_>>()
     });
@@ -253,7 +253,7 @@ fn schedule(planned: &[PlannedExperiment], known: &[KnownCells], precision: f64)
 }
 
 /// A resumed shard keeps its number.
-fn check_same_shard(held: &Held, asked: Option<Part>) -> Result<()> {
+fn check_same_shard(held: &Recording, asked: Option<Part>) -> Result<()> {
     let describe = |part: Option<Part>| {
         part.map_or_else(|| "a whole run".to_owned(), |part| format!("shard {part}"))
     };
@@ -280,38 +280,38 @@ fn spread_references() {
     let threads = quiet::cores_before().len();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
     // A pool that is there already stays.
-    let _ = pool.start_handler(|_| quiet::spread()).build_global();
+    let _ = pool.start_handler(|_| quiet::use_all_cores()).build_global();
 }
 
 /// The audit's plan, but by the clocks of the latest earlier run whose samples are gone on with: samples by different clocks do not go
 /// together, and what one audit found sound, the next may not on a busy machine. The header says by which.
 fn clock_plan(header: &mut Run, found: ClockPlan, before: &[Record]) -> ClockPlan {
     let mut runs = before.iter().rev().filter_map(Record::try_as_run_ref);
-    let clocks = runs.find(|run| run.goes_with(header)).map(|run| run.clocks.clone());
+    let clocks = runs.find(|run| run.is_compatible(header)).map(|run| run.clocks.clone());
     let clocks = clocks.unwrap_or_default().into_iter();
     let plan = clocks.fold(found, |plan, (kind, clock)| plan.with(kind, clock));
     header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
-    if !plan.has_clocks_of(&found) {
+    if !plan.has_same_clocks(&found) {
         let text = "passes are timed by the clocks that the audit of the resumed run chose";
         header.notes.push(Note::new(NoteKind::OtherClocks, text));
     }
     plan
 }
 
-fn check(options: &Options) -> Result<()> {
+fn check(options: &RunOptions) -> Result<()> {
     let value = options.precision.unwrap_or(1.0);
     ensure!(value.is_finite() && value > 0.0, "--precision must be a positive number, not {value}");
     Ok(())
 }
 
-fn profile(options: &Options, resumed: Option<&Held>, gpu: &Gpu) -> Profile {
+fn profile(options: &RunOptions, resumed: Option<&Recording>, gpu: &Gpu) -> Profile {
     let before = resumed.map_or(&[][..], |held| &held.before);
     let resumed = before.iter().rev().find_map(Record::try_as_run_ref).map(|run| run.profile);
     let default = if gpu.adapter.software { Profile::Quick } else { Profile::Paper };
     options.profile.or(resumed).unwrap_or(default)
 }
 
-fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u64) -> Run {
+fn header(options: &RunOptions, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u64) -> Run {
     let order = format!("cells and frames in an order drawn from the seed {seed}");
     let of_adapter = gpu.notes.iter().map(|text| Note::new(NoteKind::Adapter, text));
     Run {
@@ -326,11 +326,11 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
             host_threads: quiet::cores_before().len().max(1),
             ..gpu.adapter.clone()
         },
-        conditions: Conditions::here(),
+        conditions: Conditions::detect(),
         clocks: record::Clocks::new(),
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
-        submit_cost_ns: PassKind::TIMED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
+        submit_cost_ns: PassKind::TIMED.map(|kind| (kind, audit.plan.submit_cost.ns(kind))).into(),
         loop_turns: None,
         ceilings: Vec::new(),
         shard: None,
@@ -346,7 +346,7 @@ fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &
     };
     let weights = planned.iter().zip(&schedule.cells).map(|(planned, states)| {
         let due = states.iter().filter(|state| {
-            !state.out
+            !state.is_excluded
                 && !state.untimed
                 && (!state.recorded || state.half_width > schedule.precision)
         });
@@ -357,14 +357,14 @@ fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &
 
 struct Measurement<'a> {
     session: Session,
-    output: Output<'a>,
+    output: RunOutput<'a>,
     group_bytes: u64,
     seed: u64,
     planned: &'a [PlannedExperiment],
     /// Resume keys of the cells that an earlier run has finished.
     finished: BTreeSet<String>,
     /// Of each experiment.
-    known: Vec<KnownCells>,
+    progress: Vec<CellProgress>,
     schedule: Schedule,
     /// Number of the next round of samples.
     round: u32,
@@ -376,17 +376,17 @@ impl Measurement<'_> {
     fn begin(&mut self) -> Result<()> {
         let header = Record::Run(Box::new(self.output.header.clone()));
         self.output.write(header)?;
-        self.output.held.damage.iter().for_each(tell::note);
+        self.output.folder.damage.iter().for_each(print::note);
         let cells = self.planned.iter().flat_map(|planned| &planned.cells);
         let recorded = cells.zip(self.schedule.all()).filter(|(_, state)| state.recorded);
         let names =
             recorded.map(|(cell, _)| (cell.plan.experiment.clone(), cell.plan.cell.clone()));
         self.output.progress.finished.extend(names);
-        let samples = self.known.iter().flat_map(|known| known.samples.values());
+        let samples = self.progress.iter().flat_map(|known| known.samples.values());
         let pairs: Vec<usize> = samples.map(Samples::pairs).filter(|pairs| *pairs > 0).collect();
         if !pairs.is_empty() {
             let (all, cells) = (pairs.iter().sum::<usize>(), pairs.len());
-            tell::note(format!("continuing from {all} pairs of frames of {cells} cells"));
+            print::note(format!("continuing from {all} pairs of frames of {cells} cells"));
         }
         Ok(())
     }
@@ -408,7 +408,7 @@ impl Measurement<'_> {
             let before = (self.round, self.output.records.len());
             self.sample(&batch, deadline_s)?;
             self.look(batch.experiment);
-            if let Some(lost) = self.session.gpu.lost()
+            if let Some(lost) = self.session.gpu.loss_reason()
                 && let Err(why) = self.session.reopen()
             {
                 let reason = format!("device lost ({lost}) and not recovered: {why}");
@@ -421,7 +421,7 @@ impl Measurement<'_> {
         }
         self.output.progress.end();
         if !self.interrupted.load(Ordering::Relaxed) {
-            self.record_left(left)?;
+            self.record_unfinished(left)?;
         }
         Ok(())
     }
@@ -440,10 +440,10 @@ impl Measurement<'_> {
     fn define(&mut self, planned: &PlannedExperiment) -> Result<(), RecordError> {
         let Experiment { id, text, .. } = &planned.experiment;
         // A file may name a scene by a path that is nobody's business.
-        let definition = Definition { id: id.clone(), toml: private::words(text) };
+        let definition = Definition { id: id.clone(), toml: private::redact(text) };
         let definition = Record::Experiment(definition);
         let is_needed = !planned.cells.is_empty() || self.output.header.shard.is_some();
-        if is_needed && !self.output.held.before.contains(&definition) {
+        if is_needed && !self.output.folder.before.contains(&definition) {
             self.output.write(definition)?;
         }
         Ok(())
@@ -469,19 +469,19 @@ impl Measurement<'_> {
             first_round: self.round,
         };
         let planned = (batch.experiment, &self.planned[batch.experiment]);
-        let known = (&mut self.known[batch.experiment], &mut self.schedule);
+        let known = (&mut self.progress[batch.experiment], &mut self.schedule);
         let mut executor = CellExecutor::new(&mut self.session, &mut self.output, planned, known);
         self.round = sample::sample(&mut executor, &batch.cells, &settings, self.interrupted)?;
-        self.session.gpu.forget_pipelines();
+        self.session.gpu.drop_pipelines();
         Ok(())
     }
 
     /// Looks at the samples of an experiment: which claims are open.
     fn look(&mut self, number: usize) {
         let PlannedExperiment { experiment, cells } = &self.planned[number];
-        let records: Vec<&Cell> = self.known[number].records.values().collect();
+        let records: Vec<&Cell> = self.progress[number].records.values().collect();
         let standing = experiment.standing(&records, self.session.gpu.adapter.software);
-        self.output.progress.settled(number, standing.settled, experiment.claim.len());
+        self.output.progress.set_settled(number, standing.settled, experiment.claim.len());
         let place = |name: &&str| cells.iter().position(|cell| cell.plan.cell == *name);
         let open = standing.open.iter().map(|names| OpenClaim {
             experiment: number,
@@ -492,7 +492,7 @@ impl Measurement<'_> {
     }
 
     /// Records the cells that the budget or a lost device left. Those of which there are samples have a record.
-    fn record_left(&mut self, left: Outcome) -> Result<(), RecordError> {
+    fn record_unfinished(&mut self, left: Outcome) -> Result<(), RecordError> {
         let cells = self.planned.iter().flat_map(|planned| &planned.cells);
         let states = cells.zip(self.schedule.all());
         let states = states.filter(|(_, state)| !state.recorded && state.pairs == 0);
@@ -500,7 +500,7 @@ impl Measurement<'_> {
     }
 
     fn end(mut self) -> Result<Summary> {
-        let spent = &mut self.session.spent;
+        let spent = &mut self.session.times;
         spent.set_up_s.insert(SetUp::Reports, self.output.reports.spent_s);
         let parts_s = spent.set_up_s.clone();
         let set_up_s = parts_s.values().sum();
@@ -513,7 +513,7 @@ impl Measurement<'_> {
             interrupted: self.interrupted.load(Ordering::Relaxed),
         };
         self.output.write(Record::End(end.clone()))?;
-        let Held { output, writer, lock, .. } = self.output.held;
+        let Recording { output, writer, lock, .. } = self.output.folder;
         let records = writer.compact()?;
         let is_header = |record: &Record| record.try_as_run_ref().is_some();
         let since = records.iter().rposition(is_header).unwrap_or(0);
@@ -524,7 +524,7 @@ impl Measurement<'_> {
             Outcome::Skipped { reason } => Some(reason.clone()),
             _ => None,
         });
-        let counts = OutcomeCounts::of(cells.map(|cell| &**cell));
+        let counts = OutcomeCounts::count(cells.map(|cell| &**cell));
         Ok(Summary { out: output.folder, lock, counts, skip_reason, kept, end })
     }
 }

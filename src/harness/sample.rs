@@ -12,8 +12,8 @@
 //! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline. What was
 //! foreseen may be wrong: once the deadline is over no further step begins, be it a frame or the reading of a cell's figures.
 //!
-//! What cells have is handed to [`Executor::keep`] after their first visit and every [`KEEP_INTERVAL_S`], so that a run that ends at any
-//! moment can be gone on with: a cell begins with what [`Executor::earlier`] has of it.
+//! What cells have is handed to [`Executor::save`] after their first visit and every [`KEEP_INTERVAL_S`], so that a run that ends at any
+//! moment can be gone on with: a cell begins with what [`Executor::earlier_samples`] has of it.
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
 
@@ -25,8 +25,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
-use self::visit::{Frame, Visits};
-use fathom_clock::{FrameSample, Samples, Stopped, WarmUp};
+use self::visit::{VisitFrame, Visits};
+use fathom_clock::{FrameSample, Samples, StopReason, WarmUp};
 use fathom_experiments::LOOKS;
 use fathom_record::MachineState;
 
@@ -37,10 +37,10 @@ pub const LOOK_PAIRS: [usize; LOOKS - 1] = [12, 24, 48, 96, 192];
 pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
 /// Pairs after which a cell stops in any case.
 pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
-/// Time of a cell's first visits, seconds: slow frames are fewer then, but no fewer than [`LEAST_FIRST_PAIRS`].
+/// Time of a cell's first visits, seconds: slow frames are fewer then, but no fewer than [`MIN_FIRST_PAIRS`].
 const FIRST_VISITS_S: f64 = 3.0;
 /// As many as an interval needs: the frame nearest to the defaults is what a page shows first.
-const LEAST_FIRST_PAIRS: usize = 8;
+const MIN_FIRST_PAIRS: usize = 8;
 
 /// A run that is killed loses what was sampled for no longer than this and one step, seconds.
 const KEEP_INTERVAL_S: f64 = 10.0;
@@ -66,17 +66,16 @@ pub trait Executor {
         Ok(())
     }
     /// One frame with per-stage timing.
-    fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure>;
+    fn time_frame(&mut self, cell: usize) -> Result<FrameSample, Failure>;
     /// One frame without; its wall time in nanoseconds.
-    fn untimed(&mut self, cell: usize) -> Result<f64, Failure>;
+    fn run_frame(&mut self, cell: usize) -> Result<f64, Failure>;
     /// What was taken of this cell before. Asked before its first frame.
-    fn earlier(&mut self, cell: usize) -> Samples;
+    fn earlier_samples(&mut self, cell: usize) -> Samples;
     /// Keeps what was sampled of a cell up to now, which must outlive this process.
-    fn keep(&mut self, cell: usize, samples: &Samples) -> Result<(), Self::Fatal>;
+    fn save(&mut self, cell: usize, samples: &Samples) -> Result<(), Self::Fatal>;
     /// Its times are not asked for: one frame is rendered, untimed.
     fn untimed_only(&self, cell: usize) -> bool;
-    /// What the cell's next steps will take.
-    fn foreseen(&self, cell: usize) -> Foreseen;
+    fn forecast(&self, cell: usize) -> CostForecast;
     /// The cells of a batch in chains, in the order in which claims compare them; a cell that none compares is alone.
     fn chains(&self, cells: &[usize]) -> Vec<Vec<usize>>;
     /// Takes what was sampled of a cell, or why it failed, before [`release`](Self::release).
@@ -84,7 +83,7 @@ pub trait Executor {
     /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
     fn release(&mut self, cell: usize);
     /// Why the device is lost, where it is.
-    fn lost(&self) -> Option<String> {
+    fn loss_reason(&self) -> Option<String> {
         None
     }
     /// Seconds since any fixed moment.
@@ -99,7 +98,7 @@ pub trait Executor {
 
 /// Seconds that the steps of a cell are expected to take.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Foreseen {
+pub struct CostForecast {
     pub prepare_s: f64,
     /// A timed and an untimed frame.
     pub pair_s: f64,
@@ -107,11 +106,11 @@ pub struct Foreseen {
     pub finish_s: f64,
 }
 
-impl Foreseen {
+impl CostForecast {
     /// All of a cell's first visits.
     pub fn first_visits_s(&self) -> f64 {
         let most = (FIRST_VISITS_S / self.pair_s).ceil();
-        self.visit_s((most as usize).clamp(LEAST_FIRST_PAIRS, MIN_PAIRS))
+        self.visit_s((most as usize).clamp(MIN_FIRST_PAIRS, MIN_PAIRS))
     }
 
     /// All of a visit of this many pairs after a warm-up of two frames.
@@ -155,7 +154,7 @@ pub fn device_lost(reason: &str) -> String {
     format!("device lost: {reason}")
 }
 
-struct Live {
+struct LiveCell {
     samples: Samples,
     /// Pairs to have in the end.
     target: usize,
@@ -168,7 +167,7 @@ struct Live {
     kept_pairs: usize,
 }
 
-impl Live {
+impl LiveCell {
     fn new(samples: Samples) -> Self {
         Self {
             kept_pairs: samples.pairs(),
@@ -181,11 +180,10 @@ impl Live {
     }
 
     /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs.
-    fn wants(&self, goal: Goal) -> bool {
+    fn needs_pair(&self, goal: Goal) -> bool {
         let pairs = self.samples.pairs();
-        let had_enough = goal == Goal::FirstVisits
-            && self.spent_s > FIRST_VISITS_S
-            && pairs >= LEAST_FIRST_PAIRS;
+        let had_enough =
+            goal == Goal::FirstVisits && self.spent_s > FIRST_VISITS_S && pairs >= MIN_FIRST_PAIRS;
         !self.warm || pairs < self.target && !had_enough
     }
 }
@@ -244,7 +242,7 @@ pub fn sample<X: Executor>(
 
 /// What a visit has of a cell up to now.
 #[derive(Default)]
-struct Taken {
+struct VisitSamples {
     timed: Option<FrameSample>,
     untimed_ns: Option<f64>,
     /// What its frames took.
@@ -258,7 +256,7 @@ struct Sampler<'a, X: Executor> {
     random: Pcg64,
     visits: Visits,
     /// By the number of the cell.
-    live: BTreeMap<usize, Live>,
+    live: BTreeMap<usize, LiveCell>,
     round: u32,
     /// When everything was handed over.
     kept_s: f64,
@@ -276,13 +274,13 @@ impl<X: Executor> Sampler<'_, X> {
     /// No further step is begun.
     fn is_over(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
-            || self.executor.lost().is_some()
+            || self.executor.loss_reason().is_some()
             || self.executor.now_s() >= self.settings.deadline_s
     }
 
     /// Whether a step of this length, and the rest of all prepared cells after it, fits before the deadline.
     fn fits(&self, step_s: f64) -> bool {
-        let rest_s: f64 = self.live.keys().map(|cell| self.executor.foreseen(*cell).finish_s).sum();
+        let rest_s: f64 = self.live.keys().map(|cell| self.executor.forecast(*cell).finish_s).sum();
         self.owes_one || self.executor.now_s() + step_s + rest_s <= self.settings.deadline_s
     }
 
@@ -292,20 +290,20 @@ impl<X: Executor> Sampler<'_, X> {
         let (mut used, mut largest, mut prepared) = (0u64, 0u64, waiting.len());
         for (done, &cell) in waiting.iter().enumerate() {
             let full = used.saturating_add(largest) > self.settings.group_bytes;
-            let foreseen = self.executor.foreseen(cell);
+            let foreseen = self.executor.forecast(cell);
             if self.is_over() || (done > 0 && full) || !self.fits(foreseen.visit_s(1)) {
                 prepared = done;
                 break;
             }
-            let earlier = self.executor.earlier(cell);
-            self.live.insert(cell, Live::new(earlier));
+            let earlier = self.executor.earlier_samples(cell);
+            self.live.insert(cell, LiveCell::new(earlier));
             let mut bytes = 0;
             self.attempt(cell, |sampler| {
                 bytes = sampler.executor.prepare(cell)?;
                 Ok(())
             })?;
             if self.executor.untimed_only(cell) && !self.is_over() {
-                self.attempt(cell, |sampler| sampler.executor.untimed(cell).map(drop))?;
+                self.attempt(cell, |sampler| sampler.executor.run_frame(cell).map(drop))?;
                 self.close_sampled(cell)?;
                 self.owes_one = false;
             } else {
@@ -326,7 +324,7 @@ impl<X: Executor> Sampler<'_, X> {
             self.attempt(cell, |sampler| sampler.executor.wake())?;
         }
         while !self.has_to_end() {
-            let wanting = self.live.iter().filter(|(_, live)| live.wants(goal));
+            let wanting = self.live.iter().filter(|(_, live)| live.needs_pair(goal));
             let wanting: Vec<usize> = wanting.map(|(cell, _)| *cell).collect();
             if wanting.is_empty() {
                 break;
@@ -342,12 +340,12 @@ impl<X: Executor> Sampler<'_, X> {
     }
 
     /// The frames of cells that are visited together, after warm-ups that are due; then a cell may have failed.
-    fn visit(&mut self, frames: &[Frame]) -> Result<(), X::Fatal> {
-        let mut taken: BTreeMap<usize, Taken> =
-            frames.iter().map(|frame| (frame.cell, Taken::default())).collect();
+    fn visit(&mut self, frames: &[VisitFrame]) -> Result<(), X::Fatal> {
+        let mut taken: BTreeMap<usize, VisitSamples> =
+            frames.iter().map(|frame| (frame.cell, VisitSamples::default())).collect();
         let foreseen_s = taken.keys().filter_map(|cell| {
             let live = self.live.get(cell)?;
-            let pair_s = live.pair_s.unwrap_or_else(|| self.executor.foreseen(*cell).pair_s);
+            let pair_s = live.pair_s.unwrap_or_else(|| self.executor.forecast(*cell).pair_s);
             Some(if live.warm { pair_s } else { 2.0 * pair_s })
         });
         let foreseen_s = foreseen_s.sum();
@@ -360,7 +358,7 @@ impl<X: Executor> Sampler<'_, X> {
             self.attempt(cell, |sampler| sampler.warm_up(cell))?;
             self.spend(cell, start_s);
         }
-        for Frame { cell, timed } in frames.iter().copied() {
+        for VisitFrame { cell, timed } in frames.iter().copied() {
             if self.is_over() || !self.live.get(&cell).is_some_and(|live| live.warm) {
                 continue;
             }
@@ -368,9 +366,9 @@ impl<X: Executor> Sampler<'_, X> {
             let taken = taken.entry(cell).or_default();
             self.attempt(cell, |sampler| {
                 if timed {
-                    taken.timed = Some(sampler.executor.timed(cell)?);
+                    taken.timed = Some(sampler.executor.time_frame(cell)?);
                 } else {
-                    taken.untimed_ns = Some(sampler.executor.untimed(cell)?);
+                    taken.untimed_ns = Some(sampler.executor.run_frame(cell)?);
                 }
                 Ok(())
             })?;
@@ -382,11 +380,11 @@ impl<X: Executor> Sampler<'_, X> {
         for (cell, taken) in taken {
             self.add(cell, taken, (unix_s, machine.clone()))?;
         }
-        self.keep()
+        self.save_due()
     }
 
     /// Hands over what cells have: those of a first pair at once, and all of them every now and then.
-    fn keep(&mut self) -> Result<(), X::Fatal> {
+    fn save_due(&mut self) -> Result<(), X::Fatal> {
         let now_s = self.executor.now_s();
         let is_due = now_s - self.kept_s >= KEEP_INTERVAL_S;
         if is_due {
@@ -396,7 +394,7 @@ impl<X: Executor> Sampler<'_, X> {
             let pairs = live.samples.pairs();
             if pairs != live.kept_pairs && (is_due || live.kept_pairs == 0) {
                 live.kept_pairs = pairs;
-                self.executor.keep(*cell, &live.samples)?;
+                self.executor.save(*cell, &live.samples)?;
             }
         }
         Ok(())
@@ -415,9 +413,9 @@ impl<X: Executor> Sampler<'_, X> {
         let mut warm_up = WarmUp::default();
         while !warm_up.is_over() && !self.is_over() {
             warm_up.add(if warm_up.is_timed() {
-                self.executor.timed(cell)?.envelope_ns
+                self.executor.time_frame(cell)?.envelope_ns
             } else {
-                self.executor.untimed(cell)?
+                self.executor.run_frame(cell)?
             });
         }
         self.live.entry(cell).and_modify(|live| {
@@ -432,7 +430,7 @@ impl<X: Executor> Sampler<'_, X> {
     fn add(
         &mut self,
         cell: usize,
-        taken: Taken,
+        taken: VisitSamples,
         (unix_s, machine): (f64, Option<MachineState>),
     ) -> Result<(), X::Fatal> {
         let Some(live) = self.live.get_mut(&cell) else {
@@ -475,13 +473,13 @@ impl<X: Executor> Sampler<'_, X> {
         };
         let samples = std::mem::take(&mut live.samples);
         let stopped = if self.executor.untimed_only(cell) {
-            Stopped::UntimedOnly
+            StopReason::UntimedOnly
         } else if samples.relative_half_width() <= self.settings.precision {
-            Stopped::Precise
+            StopReason::Precise
         } else if samples.pairs() >= MAX_PAIRS {
-            Stopped::EnoughPairs
+            StopReason::EnoughPairs
         } else {
-            Stopped::OutOfTime
+            StopReason::OutOfTime
         };
         self.close(cell, Ok(Samples { stopped, ..samples }))
     }
@@ -498,13 +496,13 @@ impl<X: Executor> Sampler<'_, X> {
         while let Some((&cell, live)) = self.live.first_key_value() {
             if self.is_over() || !live.warm || live.samples.pairs() == 0 {
                 if live.samples.pairs() != live.kept_pairs {
-                    self.executor.keep(cell, &live.samples)?;
+                    self.executor.save(cell, &live.samples)?;
                 }
                 self.live.remove(&cell);
                 self.executor.release(cell);
             } else {
                 self.close_sampled(cell)?;
-                self.keep()?;
+                self.save_due()?;
             }
         }
         Ok(())

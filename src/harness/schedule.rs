@@ -15,16 +15,16 @@
 //! the proportion in which the seen frames of the pipeline (or of all pipelines) stand to theirs, and its preparation and the
 //! reading of its figures from the mean of the experiment's cells, or of all cells.
 
-use super::sample::{Foreseen, Goal, MAX_PAIRS, MIN_PAIRS, targets};
+use super::sample::{CostForecast, Goal, MAX_PAIRS, MIN_PAIRS, targets};
 
 /// Foreseen for a step of which nothing was seen yet, seconds.
-const UNSEEN_S: f64 = 0.1;
+const ASSUMED_STEP_S: f64 = 0.1;
 /// Shortest frame that is foreseen, seconds: submissions cost that much.
 const SHORTEST_FRAME_S: f64 = 1e-4;
 
 /// Cells of one experiment that are compared with each other.
 #[derive(Clone, Debug)]
-pub struct Unit {
+pub struct ClaimUnit {
     pub experiment: usize,
     pub cells: Vec<usize>,
     /// Claims that speak of them.
@@ -40,7 +40,7 @@ pub struct OpenClaim {
 
 /// What a cell's steps took, seconds.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Seen {
+pub struct CellCosts {
     pub prepare_s: Option<f64>,
     pub pair_s: Option<f64>,
     /// Until its figures were read for the first time; later they are known.
@@ -58,21 +58,21 @@ pub struct CellState {
     /// It has a record.
     pub recorded: bool,
     /// It was skipped or failed.
-    pub out: bool,
+    pub is_excluded: bool,
     pub pairs: usize,
     /// Half the width of its interval over its median.
     pub half_width: f64,
-    pub seen: Seen,
+    pub costs: CellCosts,
 }
 
 impl CellState {
     /// It has its first look behind it, or will have none.
     fn is_looked_at(&self) -> bool {
-        self.out || self.recorded && (self.untimed || self.pairs >= MIN_PAIRS)
+        self.is_excluded || self.recorded && (self.untimed || self.pairs >= MIN_PAIRS)
     }
 
     fn may_go_on(&self) -> bool {
-        !self.out && !self.untimed && self.pairs < MAX_PAIRS
+        !self.is_excluded && !self.untimed && self.pairs < MAX_PAIRS
     }
 }
 
@@ -85,7 +85,7 @@ pub struct Batch {
 }
 
 /// A batch that may come next: that of the least rank first, and among those that of the least price.
-struct Choice {
+struct BatchChoice {
     rank: u8,
     price: f64,
     /// Foreseen, seconds.
@@ -98,7 +98,7 @@ struct Choice {
 pub struct Schedule {
     /// Of each experiment.
     pub cells: Vec<Vec<CellState>>,
-    pub units: Vec<Unit>,
+    pub units: Vec<ClaimUnit>,
     /// Experiment and cell: one for each pipeline.
     pub first: Vec<(usize, usize)>,
     /// Experiment and cells: the sizes of each sweep.
@@ -112,9 +112,9 @@ impl Schedule {
     /// The next batch that fits into the time. A run that has measured nothing begins one whatever is foreseen, if there is any time.
     pub fn next(&self, left_s: f64) -> Option<Batch> {
         let left_s = if self.has_measured() || left_s <= 0.0 { left_s } else { f64::INFINITY };
-        let best = |mut choices: Vec<Choice>| {
+        let best = |mut choices: Vec<BatchChoice>| {
             choices.retain(|choice| choice.cost_s <= left_s);
-            let order = |a: &Choice, b: &Choice| {
+            let order = |a: &BatchChoice, b: &BatchChoice| {
                 a.rank.cmp(&b.rank).then_with(|| a.price.total_cmp(&b.price))
             };
             choices.into_iter().min_by(order).map(|choice| choice.batch)
@@ -124,7 +124,7 @@ impl Schedule {
 
     /// Something was measured, now or before.
     pub fn has_measured(&self) -> bool {
-        self.all().any(|cell| cell.recorded && !cell.out)
+        self.all().any(|cell| cell.recorded && !cell.is_excluded)
     }
 
     pub fn all(&self) -> impl Iterator<Item = &CellState> {
@@ -132,10 +132,10 @@ impl Schedule {
     }
 
     /// What lacks its first look.
-    fn to_begin(&self) -> Vec<Choice> {
+    fn to_begin(&self) -> Vec<BatchChoice> {
         let is_new = |experiment: usize, cell: usize| {
             let state = &self.cells[experiment][cell];
-            !state.recorded && !state.out
+            !state.recorded && !state.is_excluded
         };
         let alone = |rank, experiment, cell| {
             let batch = Batch { experiment, cells: vec![cell], goal: Goal::FirstVisits };
@@ -147,8 +147,8 @@ impl Schedule {
             let batch = Batch { experiment: *experiment, cells, goal: Goal::FirstVisits };
             (!batch.cells.is_empty()).then(|| self.choice(0, batch))
         });
-        let mut choices: Vec<Choice> = first.chain(together).collect();
-        for Unit { experiment, cells, claims } in &self.units {
+        let mut choices: Vec<BatchChoice> = first.chain(together).collect();
+        for ClaimUnit { experiment, cells, claims } in &self.units {
             let state = |cell: &usize| &self.cells[*experiment][*cell];
             if cells.iter().all(|cell| state(cell).is_looked_at()) {
                 continue;
@@ -158,7 +158,7 @@ impl Schedule {
             let batch = Batch { experiment: *experiment, cells: due, goal: Goal::FirstLook };
             let unit = self.choice(if *claims > 0 { 1 } else { 2 }, batch);
             let price = unit.cost_s / (*claims).max(1) as f64;
-            choices.push(Choice { price, ..unit });
+            choices.push(BatchChoice { price, ..unit });
             // No claim compares them yet, but what they take may show that the others do fit.
             choices.extend(cells.iter().filter_map(|cell| alone(3, *experiment, *cell)));
         }
@@ -166,7 +166,7 @@ impl Schedule {
     }
 
     /// Cells that may go on to their next look: of open claims, and of units those whose interval is wider than asked.
-    fn to_deepen(&self) -> Vec<Choice> {
+    fn to_deepen(&self) -> Vec<BatchChoice> {
         let deeper = |rank, experiment: usize, cells: &[usize], least_width: f64| {
             let may = |cell: &usize| {
                 let state = &self.cells[experiment][*cell];
@@ -184,41 +184,40 @@ impl Schedule {
             let wide = deeper(1, unit.experiment, &unit.cells, self.precision)?;
             let width = |cell: &usize| self.cells[unit.experiment][*cell].half_width;
             let widest = wide.batch.cells.iter().map(width).fold(0.0, f64::max);
-            Some(Choice { price: -widest, ..wide })
+            Some(BatchChoice { price: -widest, ..wide })
         });
         claims.chain(units).collect()
     }
 
     /// At the price of its foreseen time.
-    fn choice(&self, rank: u8, batch: Batch) -> Choice {
+    fn choice(&self, rank: u8, batch: Batch) -> BatchChoice {
         let pairs = |cell: &usize| self.cells[batch.experiment][*cell].pairs;
         let pairs: Vec<usize> = batch.cells.iter().map(pairs).collect();
         let targets = targets(batch.goal, &pairs);
         let cost = |(cell, (target, pairs)): (&usize, (usize, usize))| {
-            let foreseen = self.foreseen(batch.experiment, *cell);
+            let foreseen = self.forecast(batch.experiment, *cell);
             match batch.goal {
                 Goal::FirstVisits => foreseen.first_visits_s(),
                 _ => foreseen.visit_s(target - pairs),
             }
         };
         let cost_s = batch.cells.iter().zip(targets.into_iter().zip(pairs)).map(cost).sum();
-        Choice { rank, price: cost_s, cost_s, batch }
+        BatchChoice { rank, price: cost_s, cost_s, batch }
     }
 
-    /// What the next steps of a cell will take.
-    pub fn foreseen(&self, experiment: usize, cell: usize) -> Foreseen {
+    pub fn forecast(&self, experiment: usize, cell: usize) -> CostForecast {
         let state = &self.cells[experiment][cell];
         let siblings = &self.cells[experiment];
-        let mean = |of: fn(&Seen) -> Option<f64>| {
-            of(&state.seen)
-                .or_else(|| mean(siblings.iter().filter_map(|cell| of(&cell.seen))))
-                .or_else(|| mean(self.all().filter_map(|cell| of(&cell.seen))))
-                .unwrap_or(UNSEEN_S)
+        let mean = |of: fn(&CellCosts) -> Option<f64>| {
+            of(&state.costs)
+                .or_else(|| mean(siblings.iter().filter_map(|cell| of(&cell.costs))))
+                .or_else(|| mean(self.all().filter_map(|cell| of(&cell.costs))))
+                .unwrap_or(ASSUMED_STEP_S)
         };
-        let pair_s = state.seen.pair_s.unwrap_or_else(|| {
+        let pair_s = state.costs.pair_s.unwrap_or_else(|| {
             2.0 * (state.declared_s * self.slowness(&state.pipeline)).max(SHORTEST_FRAME_S)
         });
-        Foreseen {
+        CostForecast {
             prepare_s: mean(|seen| seen.prepare_s),
             pair_s: if state.untimed { 0.0 } else { pair_s },
             finish_s: if state.recorded { 0.0 } else { mean(|seen| seen.finish_s) },
@@ -229,7 +228,7 @@ impl Schedule {
     fn slowness(&self, pipeline: &str) -> f64 {
         let ratios = || {
             self.all().filter_map(|cell| {
-                let seen_s = cell.seen.pair_s? / 2.0;
+                let seen_s = cell.costs.pair_s? / 2.0;
                 (cell.declared_s > 0.0)
                     .then_some((cell.pipeline.as_str(), seen_s / cell.declared_s))
             })

@@ -9,13 +9,13 @@ use fathom_experiments::{CellPlan, Experiment};
 use fathom_record::Part;
 
 /// Cells of one experiment that go to one shard together.
-struct Unit {
+struct ShardUnit {
     experiment: usize,
     cells: Vec<usize>,
 }
 
 /// Drops the cells of other shards. `expanded` holds those of each experiment.
-pub fn keep(part: Part, experiments: &[Experiment], expanded: &mut [Vec<CellPlan>]) {
+pub fn retain_shard(part: Part, experiments: &[Experiment], expanded: &mut [Vec<CellPlan>]) {
     let mut kept = vec![Vec::new(); expanded.len()];
     let units = units(experiments, expanded);
     for unit in units.iter().skip(part.number as usize - 1).step_by(part.of as usize) {
@@ -28,13 +28,13 @@ pub fn keep(part: Part, experiments: &[Experiment], expanded: &mut [Vec<CellPlan
 }
 
 /// The largest first; equally large ones in the order of the plan.
-fn units(experiments: &[Experiment], expanded: &[Vec<CellPlan>]) -> Vec<Unit> {
+fn units(experiments: &[Experiment], expanded: &[Vec<CellPlan>]) -> Vec<ShardUnit> {
     let pairs = experiments.iter().zip(expanded).enumerate();
     let of_experiment = |(index, (experiment, plans)): (usize, (&Experiment, &Vec<CellPlan>))| {
         let units = experiment.units(plans).into_iter();
-        units.map(move |cells| Unit { experiment: index, cells })
+        units.map(move |cells| ShardUnit { experiment: index, cells })
     };
-    let mut units: Vec<Unit> = pairs.flat_map(of_experiment).collect();
+    let mut units: Vec<ShardUnit> = pairs.flat_map(of_experiment).collect();
     units.sort_by_key(|unit| Reverse(unit.cells.len()));
     units
 }
@@ -55,15 +55,14 @@ mod tests {
         (experiments, expanded)
     }
 
-    /// The cells of one shard.
-    fn kept(
+    fn shard_cells(
         number: u32,
         of: u32,
         experiments: &[Experiment],
         expanded: &[Vec<CellPlan>],
     ) -> Vec<Vec<CellPlan>> {
         let mut mine = expanded.to_vec();
-        keep(Part { number, of }, experiments, &mut mine);
+        retain_shard(Part { number, of }, experiments, &mut mine);
         mine
     }
 
@@ -79,14 +78,14 @@ mod tests {
             let mut all = BTreeSet::new();
             let mut count = 0;
             for number in 1..=of {
-                let mine = names(&kept(number, of, &experiments, &expanded));
+                let mine = names(&shard_cells(number, of, &experiments, &expanded));
                 count += mine.len();
                 all.extend(mine);
             }
             let whole = names(&expanded);
             assert_eq!((count, all.len()), (whole.len(), whole.len()), "{of} shards");
-            let most = names(&kept(1, of, &experiments, &expanded)).len();
-            let least = names(&kept(of, of, &experiments, &expanded)).len();
+            let most = names(&shard_cells(1, of, &experiments, &expanded)).len();
+            let least = names(&shard_cells(of, of, &experiments, &expanded)).len();
             let largest = units(&experiments, &expanded)[0].cells.len();
             assert!(most - least <= largest, "{of} shards: {most} and {least} cells");
         }
@@ -101,7 +100,7 @@ mod tests {
             experiment.units(plans).iter().map(name).collect::<BTreeSet<_>>()
         };
         for number in 1..=7 {
-            let mine = kept(number, 7, &experiments, &expanded);
+            let mine = shard_cells(number, 7, &experiments, &expanded);
             for (experiment, (mine, whole)) in experiments.iter().zip(mine.iter().zip(&expanded)) {
                 let all = lengths(experiment, whole);
                 assert!(lengths(experiment, mine).is_subset(&all), "{}", experiment.id);

@@ -4,19 +4,19 @@ use std::path::Path;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use super::figures::{Figure, Rendered, panel_file};
+use super::figures::{PaperFigure, RenderedPanel, panel_file};
 
 const STYLE: &str = "body { font: 16px/1.4 sans-serif; margin: 1rem; color-scheme: light dark; }
 .panels { display: grid; gap: 1rem; } figure { margin: 0; } img { max-width: 100%; }";
 
 /// A figure's part of a page, with the files of its panels.
-pub fn section(figure: &Figure, panels: &[Rendered]) -> Markup {
+pub fn section(figure: &PaperFigure, panels: &[RenderedPanel]) -> Markup {
     html! {
         section {
             h2 { (figure.source) ": " (figure.title) }
             p { (figure.about) }
             div.panels style={ "grid-template-columns: repeat(" (figure.columns) ", max-content)" } {
-                @for (number, Rendered { caption, picture, shows_visibility }) in panels.iter().enumerate() {
+                @for (number, RenderedPanel { caption, picture, shows_visibility }) in panels.iter().enumerate() {
                     figure {
                         img src=(panel_file(Path::new(""), figure, number).display()) width=(picture.width())
                             height=(picture.height()) alt=(caption);
@@ -48,8 +48,8 @@ mod tests {
     #[test]
     fn a_sheet_shows_every_panel_with_its_caption_and_what_greys_mean() {
         let text = "id = \"f-1\"\ntitle = \"A & B\"\nsource = \"s\"\nabout = \"a\"\n[[panel]]\ncaption = \"c\"";
-        let figure: Figure = toml::from_str(text).unwrap();
-        let panel = |shows_visibility| Rendered {
+        let figure: PaperFigure = toml::from_str(text).unwrap();
+        let panel = |shows_visibility| RenderedPanel {
             picture: RgbImage::new(40, 20),
             shows_visibility,
             caption: format!("greys: {shows_visibility}"),

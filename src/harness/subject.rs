@@ -9,10 +9,10 @@ use serde_json::Value;
 
 use super::catalog::{Catalog, SubjectError};
 use fathom_base::parameter;
-use fathom_base::tell;
+use fathom_base::print;
 use fathom_gpu::{Capacity, Gpu, GpuError};
 use fathom_pipelines as pipelines;
-use fathom_pipelines::{AnyPipeline, Pipeline, PipelineKind, Plan};
+use fathom_pipelines::{AnyPipeline, Pipeline, PipelineKind, PipelinePlan};
 use fathom_scene::{Camera, Scene, SceneError, SceneFile};
 
 /// A pipeline with its parameters, and a scene with its geometry.
@@ -30,7 +30,7 @@ pub struct Subject {
 
 impl Subject {
     /// What the parameters ask beyond `capacity`, with the numbers. Nothing is allocated.
-    pub fn beyond(&self, capacity: &Capacity) -> Result<Option<String>, SubjectError> {
+    pub fn limits_exceeded(&self, capacity: &Capacity) -> Result<Option<String>, SubjectError> {
         if self.too_large.is_some() {
             return Ok(self.too_large.clone());
         }
@@ -38,18 +38,18 @@ impl Subject {
     }
 
     /// What the pipeline would make.
-    pub fn plan(&self) -> Result<Plan, SubjectError> {
+    pub fn plan(&self) -> Result<PipelinePlan, SubjectError> {
         let invalid = |error: GpuError| SubjectError::Invalid(error.to_string());
         (self.kind.plan)(&self.params, &self.scene).map_err(invalid)
     }
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
     pub fn build(&self, gpu: &Gpu) -> Result<Box<AnyPipeline>, GpuError> {
-        let beyond = self.beyond(&gpu.capacity);
+        let beyond = self.limits_exceeded(&gpu.capacity);
         if let Some(reason) = beyond.map_err(|e| GpuError::Unusable(e.to_string()))? {
             return Err(GpuError::Limit(reason));
         }
-        gpu.scoped(|| (self.kind.build)(&self.params, gpu, &self.scene))
+        gpu.catch(|| (self.kind.build)(&self.params, gpu, &self.scene))
     }
 
     /// The parameters of a kind that the caller knows; an error if it is of another.
@@ -62,7 +62,7 @@ impl Subject {
     }
 
     /// For a picture of `factor` times the columns and rows; none where the pipeline has no such picture.
-    pub fn enlarged(&self, factor: u32) -> Option<Self> {
+    pub fn upscaled(&self, factor: u32) -> Option<Self> {
         Some(Self { params: (self.kind.enlarged)(&self.params, factor)?, ..self.clone() })
     }
 
@@ -73,7 +73,7 @@ impl Subject {
 
     /// The same seen from elsewhere. The geometry is shared: pipelines take the camera from the parameters.
     #[must_use]
-    pub fn seen_from(&self, camera: &Camera) -> Self {
+    pub fn with_camera(&self, camera: &Camera) -> Self {
         let mut seen = self.clone();
         seen.params["camera"] = parameter::tree(camera);
         seen
@@ -97,13 +97,12 @@ pub struct Subjects {
     capacity: Option<Capacity>,
     files: HashMap<String, SceneFile>,
     built: Vec<(SceneFile, Rc<Scene>)>,
-    told: BTreeSet<String>,
+    announced: BTreeSet<String>,
     silent: bool,
 }
 
 impl Subjects {
-    /// Of this catalogue's pipelines and scenes.
-    pub fn of(catalog: &Catalog) -> Self {
+    pub fn new(catalog: &Catalog) -> Self {
         Self { catalog: catalog.clone(), ..Self::default() }
     }
 
@@ -115,7 +114,7 @@ impl Subjects {
 
     /// Makes no scene whose volume is beyond this capacity.
     #[must_use]
-    pub fn within(self, capacity: &Capacity) -> Self {
+    pub fn with_capacity(self, capacity: &Capacity) -> Self {
         Self { capacity: Some(capacity.clone()), ..self }
     }
 
@@ -128,7 +127,7 @@ impl Subjects {
     ) -> Result<Subject, SubjectError> {
         let (kind, file) = (self.catalog.kind(pipeline)?, self.file(scene)?);
         let params = self.params(kind, scene, overrides)?;
-        let file = pipelines::staged(&params, &file)?;
+        let file = pipelines::apply(&params, &file)?;
         let scene_name = scene.to_owned();
         let too_large = self.too_large(&file);
         let file = if too_large.is_some() { pipelines::smallest(file) } else { file };
@@ -171,8 +170,8 @@ impl Subjects {
         }
         let scene = Rc::new(Scene::build(&file)?);
         for stand_in in &scene.stand_ins {
-            if !self.silent && self.told.insert(stand_in.clone()) {
-                tell::note(format!("stand-in: {stand_in}"));
+            if !self.silent && self.announced.insert(stand_in.clone()) {
+                print::note(format!("stand-in: {stand_in}"));
             }
         }
         self.built.push((file, Rc::clone(&scene)));

@@ -44,7 +44,7 @@ impl SweepRequest {
     /// One line that says what is missing, and what to write.
     pub fn experiment(&self, catalog: &Catalog) -> Result<Experiment> {
         let kind = catalog.kind(&self.pipeline)?;
-        let mut subjects = Subjects::of(catalog).silent();
+        let mut subjects = Subjects::new(catalog).silent();
         let base = subjects.params(kind, &self.scene, &self.sets)?;
         self.check_axes(&base)?;
         for (path, values) in self.parsed_axes()? {

@@ -14,12 +14,12 @@ use fathom_reference::rays::PixelRays;
 use fathom_scene::Camera;
 
 /// Points of the cell's own view that are looked up in the others at most.
-const MOST_POINTS: usize = 4_000;
+const MAX_POINTS: usize = 4_000;
 /// A pixel of another view shows the point's surroundings when what it shows lies this near, in footprints of a pixel there:
 /// a pixel's diagonal on a surface seen at up to 75 degrees.
 const NEAR_FOOTPRINTS: f64 = 5.4;
 /// Least sum of the bilinear weights of such pixels: a quarter, what is left beside a corner of something nearer.
-const LEAST_WEIGHT: f64 = 0.25;
+const MIN_WEIGHT: f64 = 0.25;
 /// Cosine between the normals of a point and of what is taken for it in another view: a point beside an edge is not taken for
 /// one around it.
 const SAME_NORMAL: f64 = 0.9;
@@ -43,8 +43,7 @@ struct Shot {
     visibility: Pixels,
 }
 
-/// A view of the cell's scene.
-pub struct View {
+pub struct TurnedView {
     turn_deg: f64,
     /// As the cell is drawn, and drawn anew with other random numbers.
     pub(super) subjects: [Subject; 2],
@@ -60,7 +59,7 @@ const PAN_PX: f64 = 0.5;
 fn drawn_anew(subject: &Subject) -> Option<Subject> {
     let height_px = subject.params.pointer("/view/height")?.as_f64()?;
     let moved = panned(&subject.camera(), PAN_PX / height_px);
-    subject.seen_from(&moved).reseeded(OTHER_SEED)
+    subject.with_camera(&moved).reseeded(OTHER_SEED)
 }
 
 /// The camera turned on its place so that the picture moves by a share of its height, to the side and down.
@@ -74,12 +73,12 @@ fn panned(camera: &Camera, share: f64) -> Camera {
     Camera { target_m: moved.to_array(), ..camera.clone() }
 }
 
-impl View {
+impl TurnedView {
     /// The cell's own view, and those with the camera turned about its target by these angles; none for pipelines without random
     /// numbers.
     pub fn all(cell: &Subject, turns_deg: &[f64]) -> Option<Vec<Self>> {
         let camera = cell.camera();
-        let seen = |turn_deg: &f64| (*turn_deg, cell.seen_from(&turned(&camera, *turn_deg)));
+        let seen = |turn_deg: &f64| (*turn_deg, cell.with_camera(&turned(&camera, *turn_deg)));
         let all = std::iter::once((0.0, cell.clone())).chain(turns_deg.iter().map(seen));
         let twice = |(turn_deg, seen): (f64, Subject)| {
             let again = drawn_anew(&seen)?;
@@ -106,14 +105,14 @@ pub struct Spread {
 impl Spread {
     /// The variance that the view alone causes: that of a random effect (E s² = σ² of the view + σ² of the noise). What is less than
     /// its standard error is raised to it: no more can be told.
-    pub fn of_view(&self) -> f64 {
+    pub fn by_view(&self) -> f64 {
         (self.variance - self.noise).max(self.error)
     }
 
     /// For a record: the variance that the view causes as `name`, and what it was made of.
     pub fn figures(&self, name: &str) -> Vec<(String, f64)> {
         let figures = [
-            (String::new(), self.of_view()),
+            (String::new(), self.by_view()),
             ("_with_noise".to_owned(), self.variance),
             ("_of_noise".to_owned(), self.noise),
             ("_standard_error".to_owned(), self.error),
@@ -123,38 +122,38 @@ impl Spread {
     }
 }
 
-/// What several views of a cell show.
-pub struct Views {
+pub struct RenderedViews {
     pub spread: Result<Spread>,
     /// The views side by side in order of their angles, the cell's own at 0.
     pub strip: Result<RgbImage>,
 }
 
-impl Views {
+impl RenderedViews {
     /// Of the last frame's occlusion, as the image is composed with it, and of the other views, each of which is drawn once.
     ///
     /// # Errors
     /// What the GPU reports, and a pipeline without occlusion.
-    pub fn of(
+    pub fn render(
         gpu: &Gpu,
         timer: &mut FrameTimer,
         cell: &AnyPipeline,
-        views: &[View],
+        views: &[TurnedView],
     ) -> Result<Self> {
         // One at a time, as the pictures of a view are large.
         let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>> {
             let pipeline = subject.build(gpu)?;
-            timer.untimed(gpu, &pipeline.stages())?;
+            timer.run_stages(gpu, &pipeline.stages())?;
             Ok(pipeline)
         };
-        let (mut pictures, mut seen) = (Vec::new(), Seen::default());
-        for (index, View { turn_deg, subjects: [first, second] }) in views.iter().enumerate() {
+        let (mut pictures, mut seen) = (Vec::new(), ViewPoints::default());
+        for (index, TurnedView { turn_deg, subjects: [first, second] }) in views.iter().enumerate()
+        {
             // The cell's own view is drawn already.
             let drawn = if index > 0 { Some(draw(first)?) } else { None };
             let first = drawn.as_deref().unwrap_or(cell);
-            pictures.push((*turn_deg, picture::bare(gpu, first)));
+            pictures.push((*turn_deg, picture::read_image(gpu, first)));
             let shots = [Shot::new(gpu, first)?, Shot::new(gpu, draw(second)?.as_ref())?];
-            if index > 0 { seen.also_by(&shots) } else { seen = Seen::by(&shots) }
+            if index > 0 { seen.add_view(&shots) } else { seen = ViewPoints::from_own_view(&shots) }
         }
         pictures.sort_by(|a, b| a.0.total_cmp(&b.0));
         let pictures: Result<Vec<RgbImage>> =
@@ -181,11 +180,11 @@ const GAP_PX: u32 = 4;
 
 /// Points of the cell's own view, and their occlusion in two draws of each view that sees them.
 #[derive(Default)]
-struct Seen(Vec<(SeenPoint, Vec<[f64; 2]>)>);
+struct ViewPoints(Vec<(SeenPoint, Vec<[f64; 2]>)>);
 
-impl Seen {
+impl ViewPoints {
     /// Both draws of the cell's own view.
-    fn by([own, again]: &[Shot; 2]) -> Self {
+    fn from_own_view([own, again]: &[Shot; 2]) -> Self {
         let points = own.points().into_iter();
         let drawn = |point: SeenPoint| {
             let second = again.find(&point)?;
@@ -194,7 +193,7 @@ impl Seen {
         Self(points.filter_map(drawn).collect())
     }
 
-    fn also_by(&mut self, [first, second]: &[Shot; 2]) {
+    fn add_view(&mut self, [first, second]: &[Shot; 2]) {
         for (point, values) in &mut self.0 {
             values.extend(first.find(point).zip(second.find(point)).map(|(a, b)| [a, b]));
         }
@@ -252,14 +251,13 @@ impl Shot {
     fn points(&self) -> Vec<SeenPoint> {
         let (width, height) = (self.depth.width, self.depth.height);
         let pixels = f64::from(width) * f64::from(height);
-        let step = (pixels / MOST_POINTS as f64).sqrt().ceil().max(1.0) as usize;
+        let step = (pixels / MAX_POINTS as f64).sqrt().ceil().max(1.0) as usize;
         let along = |side: u32| (0..side).skip(step / 2).step_by(step);
         let lattice = along(height).flat_map(|y| along(width).map(move |x| (x, y)));
-        lattice.filter_map(|(x, y)| self.at(x, y)).collect()
+        lattice.filter_map(|(x, y)| self.surface_point(x, y)).collect()
     }
 
-    /// What a pixel shows.
-    fn at(&self, x: u32, y: u32) -> Option<SeenPoint> {
+    fn surface_point(&self, x: u32, y: u32) -> Option<SeenPoint> {
         let depth = f64::from(self.depth.texel(x, y)[0]);
         let normal = self.normal.texel(x, y);
         let normal = DVec3::new(normal[0].into(), normal[1].into(), normal[2].into());
@@ -287,7 +285,7 @@ impl Shot {
             if !inside(x, self.depth.width) || !inside(y, self.depth.height) {
                 continue;
             }
-            let Some(shown) = self.at(x as u32, y as u32) else {
+            let Some(shown) = self.surface_point(x as u32, y as u32) else {
                 continue;
             };
             let same = shown.position.distance(point.position) <= near
@@ -298,7 +296,7 @@ impl Shot {
                 weights += weight;
             }
         }
-        (weights > LEAST_WEIGHT).then(|| sum / weights)
+        (weights > MIN_WEIGHT).then(|| sum / weights)
     }
 }
 
@@ -341,8 +339,8 @@ mod tests {
             })
         };
         let [own, other] = [[4.0, 3.0, 2.0], [4.5, 3.0, 0.5]];
-        let mut seen = Seen::by(&[draw(own, 0.0, 1), draw(own, 0.0, 2)]);
-        seen.also_by(&[draw(other, offset, 3), draw(other, offset, 4)]);
+        let mut seen = ViewPoints::from_own_view(&[draw(own, 0.0, 1), draw(own, 0.0, 2)]);
+        seen.add_view(&[draw(other, offset, 3), draw(other, offset, 4)]);
         seen.spread().unwrap()
     }
 
@@ -358,7 +356,7 @@ mod tests {
     fn what_depends_on_the_view_spreads_by_as_much() {
         let spread = spread_of(0.2, 0.0);
         // Two values 0.2 apart have a variance of 0.2² / 2.
-        assert!((spread.of_view() - 0.02).abs() < 1e-3, "{spread:?}");
+        assert!((spread.by_view() - 0.02).abs() < 1e-3, "{spread:?}");
     }
 
     #[test]
@@ -366,9 +364,9 @@ mod tests {
         let quiet = spread_of(0.0, 0.3);
         // That of the own view is 0.3² / 12; in the other, four pixels are averaged.
         assert!(quiet.noise > 0.4 * 0.0075 && quiet.noise < 0.0075, "{quiet:?}");
-        assert!(quiet.of_view() < 0.1 * quiet.noise && quiet.of_view() > 0.0, "{quiet:?}");
+        assert!(quiet.by_view() < 0.1 * quiet.noise && quiet.by_view() > 0.0, "{quiet:?}");
         let loud = spread_of(0.2, 0.3);
-        assert!((loud.of_view() - 0.02).abs() < 2e-3, "{loud:?}");
+        assert!((loud.by_view() - 0.02).abs() < 2e-3, "{loud:?}");
     }
 
     #[test]

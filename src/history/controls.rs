@@ -9,11 +9,11 @@ use std::collections::{BTreeMap, HashMap};
 
 use fathom_base::statistics::{Estimate, median};
 
-use super::stored::{Series, SeriesKey, StoredRuns};
+use super::stored::{FigureSeries, SeriesKey, StoredRuns};
 use fathom_judge::shift::{excludes_none, shift};
 
 /// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
-pub const MOST_SIDE: usize = 60;
+pub const MAX_SIDE: usize = 60;
 /// Runs next to a change, on either side, by which the machine is judged. Ten on each side have an interval of a quarter of their scatter.
 const NEAR: usize = 10;
 /// Share of a change that the machine must account for to be its cause.
@@ -34,20 +34,20 @@ pub enum MachineShift {
 }
 
 /// What one machine's runs have in common: branch, machine, adapter, driver.
-type Place = [String; 4];
+type MachineKey = [String; 4];
 
-fn place(key: &SeriesKey) -> Place {
+fn place(key: &SeriesKey) -> MachineKey {
     let SeriesKey { branch, machine, figure } = key;
     [branch.as_str(), machine, &figure.adapter, &figure.driver].map(str::to_owned)
 }
 
 /// ln(time) of each machine by run.
 #[derive(Default)]
-pub struct Controls(HashMap<Place, BTreeMap<usize, f64>>);
+pub struct Controls(HashMap<MachineKey, BTreeMap<usize, f64>>);
 
 impl Controls {
-    pub fn of(stored: &StoredRuns) -> Self {
-        let mut speeds = HashMap::<Place, BTreeMap<usize, Vec<f64>>>::new();
+    pub fn from_runs(stored: &StoredRuns) -> Self {
+        let mut speeds = HashMap::<MachineKey, BTreeMap<usize, Vec<f64>>>::new();
         for control in &stored.controls {
             // A limit is a rate, which falls where times rise.
             let sign = if control.key.is_time() { 1.0 } else { -1.0 };
@@ -67,26 +67,27 @@ impl Controls {
     }
 
     /// What the machine did at the change of a time from the points `from..at` to `at..to`.
-    pub fn judge(&self, series: &Series, [from, at, to]: [usize; 3]) -> MachineShift {
+    pub fn judge(&self, series: &FigureSeries, [from, at, to]: [usize; 3]) -> MachineShift {
         let Some(speed) = self.0.get(&place(&series.key)).filter(|_| series.key.is_time()) else {
             return MachineShift::Unknown;
         };
         let sides = |reach: usize| {
             let sides = [at.saturating_sub(reach).max(from)..at, at..(at + reach).min(to)];
-            sides.map(|side| Side::of(&series.points[side], speed))
+            sides.map(|side| PairedSeries::from_points(&series.points[side], speed))
         };
         let near = sides(NEAR);
-        let [machine, whole, left] = [Side::machine, Side::time, Side::left].map(|of| {
-            let [before, after] = near.each_ref().map(of);
-            shift(&before, &after)
-        });
+        let [machine, whole, left] =
+            [PairedSeries::machine, PairedSeries::time, PairedSeries::residuals].map(|of| {
+                let [before, after] = near.each_ref().map(of);
+                shift(&before, &after)
+            });
         let Some((moved, rest)) = machine.interval.zip(left.interval) else {
             return MachineShift::Unknown;
         };
         if !excludes_none(moved) {
             return MachineShift::Still;
         }
-        let [before, after] = sides(MOST_SIDE).each_ref().map(Side::left);
+        let [before, after] = sides(MAX_SIDE).each_ref().map(PairedSeries::residuals);
         let left = shift(&before, &after);
         let is_left = [Some(rest), left.interval].into_iter().flatten().all(excludes_none);
         if is_left {
@@ -100,11 +101,12 @@ impl Controls {
 }
 
 /// ln(time) of a series and of its machine, in the runs that have both.
-struct Side(Vec<[f64; 2]>);
+struct PairedSeries(Vec<[f64; 2]>);
 
-impl Side {
-    fn of(points: &[super::Point], speed: &BTreeMap<usize, f64>) -> Self {
-        let both = |point: &super::Point| Some([point.value.median.ln(), *speed.get(&point.run)?]);
+impl PairedSeries {
+    fn from_points(points: &[super::RunValue], speed: &BTreeMap<usize, f64>) -> Self {
+        let both =
+            |point: &super::RunValue| Some([point.value.median.ln(), *speed.get(&point.run)?]);
         Self(points.iter().filter_map(both).collect())
     }
 
@@ -116,7 +118,7 @@ impl Side {
         self.0.iter().map(|[_, machine]| *machine).collect()
     }
 
-    fn left(&self) -> Vec<f64> {
+    fn residuals(&self) -> Vec<f64> {
         self.0.iter().map(|[time, machine]| time - machine).collect()
     }
 }

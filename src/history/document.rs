@@ -2,38 +2,38 @@
 
 use itertools::Itertools;
 
-use super::findings::{Certainty, Change, Findings};
+use super::findings::{Certainty, HistoryChanges, SeriesChange};
 use super::run::FRAME;
-use super::stored::{Point, Series, StoredRuns};
+use super::stored::{FigureSeries, RunValue, StoredRuns};
 use super::tables;
 use fathom_experiments::words;
-use fathom_judge::change_points::LEAST_RUNS;
+use fathom_judge::change_points::MIN_RUNS;
 use fathom_report::axis::Scale;
 use fathom_report::charts::points::{self, ChangeLine, PointChart};
 use fathom_report::charts::style::{self, Marker};
-use fathom_report::document::{Field, Part, Span, Table, Tone};
+use fathom_report::document::{Block, Field, Span, Table, Tone};
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
-const MOST_CHARTS: usize = 60;
+const MAX_CHARTS: usize = 60;
 /// Latest runs of a chart.
-const MOST_POINTS: usize = 200;
+const MAX_POINTS: usize = 200;
 const SIZE_PX: (u32, u32) = (324, 170);
 
 /// What was searched and what was found: sure changes first, each kind by size.
-pub fn changes(stored: &StoredRuns, findings: &Findings) -> Vec<Part> {
+pub fn changes(stored: &StoredRuns, findings: &HistoryChanges) -> Vec<Block> {
     let of = |kind: Certainty| {
         let changes = findings.changes.iter().filter(|change| change.certainty() == kind);
         let rows: Vec<[Field; 8]> = changes.map(|change| row(stored, change)).collect();
         let heads = ["Figure", "Change", "", "Commits", "Days", "Runs", "Where", "Machine"];
         let table = Table::new(kind.to_string(), heads).with_class("sortable changes");
-        (rows.len(), (!rows.is_empty()).then(|| Part::Table(table.with_rows(rows))))
+        (rows.len(), (!rows.is_empty()).then(|| Block::Table(table.with_rows(rows))))
     };
     let [(_, sure), (possible, unsure), (drifted, drift)] =
         [Certainty::Sure, Certainty::Possible, Certainty::Drift].map(of);
     let fold =
-        |words: String, part: Option<Part>| part.map(|part| Part::Fold(words.into(), vec![part]));
+        |words: String, part: Option<Block>| part.map(|part| Block::Fold(words.into(), vec![part]));
     let parts = [
-        Some(Part::paragraph(tables::headline(stored, findings))),
+        Some(Block::paragraph(tables::headline(stored, findings))),
         sure,
         fold(format!("{possible} possible changes"), unsure),
         fold(format!("{drifted} of the machine: the controls share them"), drift),
@@ -42,26 +42,26 @@ pub fn changes(stored: &StoredRuns, findings: &Findings) -> Vec<Part> {
 }
 
 /// With a small chart for each series; those with changes first.
-pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Vec<Part> {
+pub fn on_page(stored: &StoredRuns, findings: &HistoryChanges) -> Vec<Block> {
     let changed = findings.changes.iter().map(|change| change.series);
-    let shown = changed.chain(0..stored.series.len()).unique().take(MOST_CHARTS);
-    let not_shown = stored.series.len().saturating_sub(MOST_CHARTS);
+    let shown = changed.chain(0..stored.series.len()).unique().take(MAX_CHARTS);
+    let not_shown = stored.series.len().saturating_sub(MAX_CHARTS);
     let mut parts = changes(stored, findings);
-    parts.push(Part::Heading("Figures over commits".into()));
-    parts.push(Part::paragraph(
+    parts.push(Block::Heading("Figures over commits".into()));
+    parts.push(Block::paragraph(
         "A point is the median of a run, a bar its 95 % interval. Runs stand in the order of their commits' dates, equally far apart. \
          A dashed line is a change, named below the chart. The vertical axis does not begin at 0.",
     ));
-    parts.push(Part::Grid(shown.map(|place| chart(stored, findings, place)).collect()));
+    parts.push(Block::Grid(shown.map(|place| chart(stored, findings, place)).collect()));
     if not_shown > 0 {
-        parts.push(Part::paragraph(format!(
+        parts.push(Block::paragraph(format!(
             "{not_shown} more series are not drawn; fathom history show FILTER --out DIR draws those whose names hold FILTER."
         )));
     }
     parts
 }
 
-fn row(stored: &StoredRuns, change: &Change) -> [Field; 8] {
+fn row(stored: &StoredRuns, change: &SeriesChange) -> [Field; 8] {
     let series = &stored.series[change.series];
     let [before, after] = change.runs.map(|run| &stored.runs[run]);
     let size = Span::Chip(tone(series, change), tables::size(change, series));
@@ -78,12 +78,12 @@ fn row(stored: &StoredRuns, change: &Change) -> [Field; 8] {
 }
 
 /// Longer times and larger errors are worse; of what is not sure neither is said.
-fn tone(series: &Series, change: &Change) -> Tone {
+fn tone(series: &FigureSeries, change: &SeriesChange) -> Tone {
     let worse = if series.key.is_time() {
         change.size.estimate().median > 0.0
     } else {
-        series.points[change.at].value.median.abs()
-            > series.points[change.at - 1].value.median.abs()
+        series.points[change.point].value.median.abs()
+            > series.points[change.point - 1].value.median.abs()
     };
     match (change.is_sure(), worse) {
         (false, _) => Tone::Open,
@@ -93,7 +93,7 @@ fn tone(series: &Series, change: &Change) -> Tone {
 }
 
 /// Cell and figure; figures that are no times in words.
-fn name(series: &Series) -> String {
+fn name(series: &FigureSeries) -> String {
     let figure = &series.key.figure;
     let told = if *figure.figure == *FRAME || series.key.is_time() {
         figure.figure.to_string()
@@ -103,72 +103,71 @@ fn name(series: &Series) -> String {
     format!("{} {told}", figure.cell)
 }
 
-/// A change in a chart.
-struct Mark {
+struct ChangeMark {
     /// The first point of the new level.
-    at: usize,
+    point: usize,
     tone: Tone,
     /// The two commits and the size.
-    told: String,
+    text: String,
 }
 
-fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Vec<Part> {
+fn chart(stored: &StoredRuns, findings: &HistoryChanges, place: usize) -> Vec<Block> {
     let series = &stored.series[place];
-    let earlier = series.points.len().saturating_sub(MOST_POINTS);
+    let earlier = series.points.len().saturating_sub(MAX_POINTS);
     let points = &series.points[earlier..];
-    let changes = findings.of_series(place).into_iter().filter(|change| change.at > earlier);
+    let changes = findings.in_series(place).into_iter().filter(|change| change.point > earlier);
     let marks = changes.map(|change| {
         let [before, after] = change.runs.map(|run| &stored.runs[run]);
-        let told = format!("{}: {}", tables::commits(before, after), tables::size(change, series));
-        Mark { at: change.at - earlier, tone: tone(series, change), told }
+        let text = format!("{}: {}", tables::commits(before, after), tables::size(change, series));
+        ChangeMark { point: change.point - earlier, tone: tone(series, change), text }
     });
-    let marks: Vec<Mark> = marks.collect();
+    let marks: Vec<ChangeMark> = marks.collect();
     let (name, unit) = (name(series), tables::unit(series));
     let about = format!("{name} ({unit}) over {} runs", points.len());
     let drawn = match drawing(stored, series, points, &marks) {
-        Some(chart) => Part::Chart(chart.svg(SIZE_PX, &about)),
-        None => Part::paragraph("No value can be drawn."),
+        Some(chart) => Block::Chart(chart.svg(SIZE_PX, &about)),
+        None => Block::paragraph("No value can be drawn."),
     };
-    let heads = [Span::Bold(name), Span::Faint(series.key.place())].map(Part::paragraph);
-    let mut parts: Vec<Part> = heads.into_iter().chain([drawn]).collect();
+    let heads = [Span::Bold(name), Span::Faint(series.key.place())].map(Block::paragraph);
+    let mut parts: Vec<Block> = heads.into_iter().chain([drawn]).collect();
     if earlier > 0 {
-        parts.push(Part::paragraph(format!("{earlier} earlier runs are not drawn.")));
+        parts.push(Block::paragraph(format!("{earlier} earlier runs are not drawn.")));
     }
-    if series.points.len() < LEAST_RUNS {
-        parts.push(Part::paragraph(format!(
-            "Too short to be searched: {} runs, and {LEAST_RUNS} are needed.",
+    if series.points.len() < MIN_RUNS {
+        parts.push(Block::paragraph(format!(
+            "Too short to be searched: {} runs, and {MIN_RUNS} are needed.",
             points.len()
         )));
     }
-    let line = |mark: Mark| Span::Chip(mark.tone, mark.told);
-    parts.push(Part::list(marks.into_iter().map(line)));
+    let line = |mark: ChangeMark| Span::Chip(mark.tone, mark.text);
+    parts.push(Block::list(marks.into_iter().map(line)));
     parts
 }
 
 /// None where no value is finite.
 fn drawing(
     stored: &StoredRuns,
-    series: &Series,
-    points: &[Point],
-    marks: &[Mark],
+    series: &FigureSeries,
+    points: &[RunValue],
+    marks: &[ChangeMark],
 ) -> Option<PointChart> {
-    let factor = series.key.shown();
+    let factor = series.key.display_scale();
     let drawn = (0..).zip(points).map(|(at, point)| points::Point {
         x: f64::from(at),
         y: point.value.scaled(factor),
-        tip: told(stored, series, point),
+        tip: describe_point(stored, series, point),
         category: None,
         published: None,
     });
     let drawn: Vec<points::Point> = drawn.collect();
-    let commit = |point: &Point| stored.runs[point.run].short_commit();
+    let commit = |point: &RunValue| stored.runs[point.run].short_commit();
     let end = points.len().checked_sub(1)?;
     let names = [0, end].into_iter().dedup().map(|at| (at as f64, commit(&points[at])));
     let unit = tables::unit(series);
     let lines = marks.iter().map(|mark| ChangeLine {
-        x: mark.at as f64 - 0.5,
-        color: style::of_tone(mark.tone),
-        tip: mark.told.clone(),
+        x: mark.point as f64 - 0.5,
+        color: style::tone_color(mark.tone),
+        tip: mark.text.clone(),
     });
     Some(PointChart {
         title: String::new(),
@@ -181,7 +180,7 @@ fn drawing(
             name: String::new(),
             remarks: Vec::new(),
             color: style::color(0),
-            marker: Marker::of(0),
+            marker: Marker::nth(0),
             points: drawn,
             is_joined: false,
             fit: None,
@@ -190,7 +189,7 @@ fn drawing(
 }
 
 /// Commit, day, value.
-fn told(stored: &StoredRuns, series: &Series, point: &Point) -> String {
+fn describe_point(stored: &StoredRuns, series: &FigureSeries, point: &RunValue) -> String {
     let run = &stored.runs[point.run];
     format!(
         "{} of {}: {} {}, n = {}",

@@ -5,9 +5,9 @@ use std::iter::once;
 use itertools::Itertools;
 use rayon::prelude::*;
 
-use super::controls::{Controls, MOST_SIDE, MachineShift};
-use super::stored::{Series, StoredRuns};
-use fathom_judge::change_points::{LEAST_RUNS, change_points};
+use super::controls::{Controls, MAX_SIDE, MachineShift};
+use super::stored::{FigureSeries, StoredRuns};
+use fathom_judge::change_points::{MIN_RUNS, change_points};
 use fathom_judge::rank::benjamini_hochberg;
 use fathom_judge::scores::Scores;
 use fathom_judge::shift::shift;
@@ -27,9 +27,9 @@ pub enum Size {
 }
 
 impl Size {
-    fn of(before: &[f64], after: &[f64]) -> Size {
-        let before = &before[before.len().saturating_sub(MOST_SIDE)..];
-        let after = &after[..after.len().min(MOST_SIDE)];
+    fn between(before: &[f64], after: &[f64]) -> Size {
+        let before = &before[before.len().saturating_sub(MAX_SIDE)..];
+        let after = &after[..after.len().min(MAX_SIDE)];
         if before.iter().chain(after).all(|value| *value > 0.0) {
             let logarithms = |values: &[f64]| values.iter().map(|v| v.ln()).collect::<Vec<f64>>();
             return Size::Share(shift(&logarithms(before), &logarithms(after)).map(f64::exp_m1));
@@ -51,13 +51,12 @@ impl Size {
     }
 }
 
-/// A change of one series.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Change {
+pub struct SeriesChange {
     /// Place of its series in [`StoredRuns::series`].
     pub series: usize,
     /// The first point of the new level in that series.
-    pub at: usize,
+    pub point: usize,
     /// Places in [`StoredRuns::runs`] of the last run before and the first one after.
     pub runs: [usize; 2],
     pub size: Size,
@@ -82,7 +81,7 @@ pub enum Certainty {
     Drift,
 }
 
-impl Change {
+impl SeriesChange {
     pub fn certainty(&self) -> Certainty {
         match self.machine {
             MachineShift::Whole(_) => Certainty::Drift,
@@ -96,42 +95,41 @@ impl Change {
     }
 }
 
-/// What a history says.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Findings {
+pub struct HistoryChanges {
     /// Sure ones first, those of the machine last, each kind by size, largest first.
-    pub changes: Vec<Change>,
+    pub changes: Vec<SeriesChange>,
     /// Series that were long enough to be searched.
     pub searched: usize,
     /// Series that were too short.
     pub too_short: usize,
 }
 
-impl Findings {
-    pub fn of(stored: &StoredRuns) -> Findings {
-        let is_long = |series: &&Series| series.points.len() >= LEAST_RUNS;
+impl HistoryChanges {
+    pub fn find(stored: &StoredRuns) -> HistoryChanges {
+        let is_long = |series: &&FigureSeries| series.points.len() >= MIN_RUNS;
         let searched = stored.series.iter().filter(is_long).count();
-        let controls = &Controls::of(stored);
+        let controls = &Controls::from_runs(stored);
         let numbered = stored.series.par_iter().enumerate();
-        let mut changes: Vec<Change> = numbered
+        let mut changes: Vec<SeriesChange> = numbered
             .map_init(Scores::default, |scores, (place, series)| {
-                of_series(place, series, scores, controls)
+                search_series(place, series, scores, controls)
             })
             .flatten()
             .collect();
-        tell_false_share(&mut changes, searched);
+        set_false_share(&mut changes, searched);
         changes.sort_by(|a, b| {
             let by_size = b.size.magnitude().total_cmp(&a.size.magnitude());
-            let by_place = (a.series, a.at).cmp(&(b.series, b.at));
+            let by_place = (a.series, a.point).cmp(&(b.series, b.point));
             a.certainty().cmp(&b.certainty()).then(by_size).then(by_place)
         });
-        Findings { changes, searched, too_short: stored.series.len() - searched }
+        HistoryChanges { changes, searched, too_short: stored.series.len() - searched }
     }
 
-    /// Those of one series, in their order.
-    pub fn of_series(&self, series: usize) -> Vec<&Change> {
-        let mut found: Vec<&Change> = self.changes.iter().filter(|c| c.series == series).collect();
-        found.sort_by_key(|change| change.at);
+    pub fn in_series(&self, series: usize) -> Vec<&SeriesChange> {
+        let mut found: Vec<&SeriesChange> =
+            self.changes.iter().filter(|c| c.series == series).collect();
+        found.sort_by_key(|change| change.point);
         found
     }
 
@@ -141,26 +139,26 @@ impl Findings {
     }
 }
 
-fn of_series(
+fn search_series(
     place: usize,
-    series: &Series,
+    series: &FigureSeries,
     scores: &mut Scores,
     controls: &Controls,
-) -> Vec<Change> {
+) -> Vec<SeriesChange> {
     let values: Vec<f64> = series.points.iter().map(|point| point.value.median).collect();
     let points = change_points(&values, scores);
-    let inner = points.iter().map(|point| point.at);
+    let inner = points.iter().map(|point| point.first);
     let bounds: Vec<usize> = once(0).chain(inner).chain([values.len()]).collect();
     let change =
         points.iter().zip(bounds.into_iter().tuple_windows()).map(|(point, (from, at, to))| {
             let machine = controls.judge(series, [from, at, to]);
-            Change {
+            SeriesChange {
                 series: place,
-                at,
+                point: at,
                 runs: [at - 1, at].map(|at| series.points[at].run),
                 size: match machine {
                     MachineShift::Partly { left, .. } => Size::Share(left.map(f64::exp_m1)),
-                    _ => Size::of(&values[from..at], &values[at..to]),
+                    _ => Size::between(&values[from..at], &values[at..to]),
                 },
                 n: [at - from, to - at],
                 p: point.p,
@@ -172,7 +170,7 @@ fn of_series(
 }
 
 /// Each series is searched once, and both sides of each change once more.
-fn tell_false_share(changes: &mut [Change], searched: usize) {
+fn set_false_share(changes: &mut [SeriesChange], searched: usize) {
     let p: Vec<f64> = changes.iter().map(|change| change.p).collect();
     let shares = benjamini_hochberg(&p, searched + 2 * p.len());
     changes.iter_mut().zip(shares).for_each(|(change, share)| change.false_share = share);

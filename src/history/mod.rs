@@ -14,11 +14,11 @@ mod stored;
 pub mod tables;
 
 pub use controls::MachineShift;
-pub use findings::{Change, Findings, Size};
-pub use origin::{Origin, Said, origin};
+pub use findings::{HistoryChanges, SeriesChange, Size};
+pub use origin::{Origin, OriginArgs, origin};
 pub use run::{NewFigure, NewRun};
 pub use store::{Added, History};
-pub use stored::{Point, Selection, Series, SeriesKey, StoredRun, StoredRuns};
+pub use stored::{FigureSeries, RunValue, Selection, SeriesKey, StoredRun, StoredRuns};
 
 /// Where a history lies that nobody said the place of.
 pub const DEFAULT_FILE: &str = "reports/history.sqlite";

@@ -9,7 +9,7 @@ use fathom_base::{private, process};
 
 /// What the user says. The rest is found out.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct Said {
+pub struct OriginArgs {
     /// Commit that was measured [default: GITHUB_SHA, CI_COMMIT_SHA, or git's HEAD here]
     #[arg(long, value_name = "SHA")]
     pub commit: Option<String>,
@@ -51,7 +51,7 @@ const SHORTEST_HASH: usize = 4;
 const WHOLE_HASH: usize = 40;
 
 /// The first that there is: what was said, the job's variables, git's HEAD of the current folder.
-pub fn origin(said: Said) -> anyhow::Result<Origin> {
+pub fn origin(said: OriginArgs) -> anyhow::Result<Origin> {
     let named = said.commit.or_else(|| variable(COMMIT_VARIABLES));
     let name = named.as_deref().unwrap_or("HEAD");
     // A branch, a tag or a short hash is written out where git knows it.

@@ -31,7 +31,7 @@ const MAX_RECORDS: u64 = 2 << 30;
 /// Digits of a commit or a run that people read.
 const SHORT: usize = 10;
 
-pub(super) fn shortened(name: &str) -> String {
+pub(super) fn shorten(name: &str) -> String {
     text::line(name).chars().take(SHORT).collect()
 }
 
@@ -93,7 +93,7 @@ impl NewRun {
             }
             _ => error.into(),
         })?;
-        let mut found = Found::default();
+        let mut found = RunContents::default();
         read.records.into_iter().for_each(|record| found.take(record));
         let header = found.check(&path, &read.damaged)?;
         let file = folder::unpacked(&path, MAX_RECORDS);
@@ -110,9 +110,8 @@ impl NewRun {
     }
 }
 
-/// What the records of a run hold.
 #[derive(Default)]
-struct Found {
+struct RunContents {
     /// Of the first record, where that is one.
     first: Option<Run>,
     header: Option<Run>,
@@ -125,7 +124,7 @@ struct Found {
     figures: IndexMap<FigureKey, (Option<Name>, Estimate)>,
 }
 
-impl Found {
+impl RunContents {
     fn take(&mut self, record: Record) {
         self.records += 1;
         match record {
@@ -145,7 +144,7 @@ impl Found {
                 self.cells.insert(cell.resume_key());
                 if let Some(run) = &self.header {
                     let host = run.conditions.host.as_deref().map(Name::from);
-                    let figures = of_cell(run, &cell, measured).into_iter();
+                    let figures = cell_figures(run, &cell, measured).into_iter();
                     self.figures.extend(figures.map(|(key, value)| (key, (host.clone(), value))));
                 }
             }
@@ -176,8 +175,7 @@ fn driver(run: &Run) -> String {
 }
 
 impl FigureKey {
-    /// From [`Self::names`].
-    pub fn of_names(names: [Name; 8]) -> Self {
+    pub fn from_names(names: [Name; 8]) -> Self {
         let [adapter, driver, profile, cell, configuration, figure, unit, clock] = names;
         Self { adapter, driver, profile, cell, configuration, figure, unit, clock }
     }
@@ -219,7 +217,7 @@ fn limits(run: &Run) -> Vec<(FigureKey, Estimate)> {
 }
 
 /// Frame, stages whose times are above the clock's resolution, and errors that are numbers.
-fn of_cell(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estimate)> {
+fn cell_figures(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estimate)> {
     let profile = match run.shader_checks {
         ShaderChecks::Checked => run.profile.to_string(),
         ShaderChecks::Unchecked => format!("{}, unchecked", run.profile),

@@ -8,12 +8,12 @@ use itertools::Itertools;
 use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
-use super::run::{NewFigure, NewRun, shortened};
+use super::run::{NewFigure, NewRun, shorten};
 use super::{DEFAULT_FILE, FORMAT, Origin, VARIABLE};
 use fathom_base::text::line;
 
 /// How long a writer waits for another one.
-const PATIENCE: Duration = Duration::from_secs(60);
+const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 /// Of a series, after its id; the machine and then a figure's key.
 pub(super) const SERIES_COLUMNS: &str =
     "machine, adapter, driver, profile, cell, configuration, figure, unit, clock";
@@ -79,7 +79,7 @@ impl History {
         let opened = Connection::open_with_flags(path, flags);
         let connection = opened
             .map_err(|error| anyhow!("{}: {}", named(path), why(error).unwrap_or_default()))?;
-        connection.busy_timeout(PATIENCE)?;
+        connection.busy_timeout(BUSY_TIMEOUT)?;
         Ok(History { path: path.to_owned(), connection })
     }
 
@@ -169,7 +169,7 @@ fn has(connection: &Connection, run: &NewRun, origin: &Origin) -> anyhow::Result
     if commit == origin.commit && branch == origin.branch {
         return Ok(true);
     }
-    let digest = shortened(&run.digest);
+    let digest = shorten(&run.digest);
     let [commit, branch, other, on] =
         [&commit, &branch, &origin.commit, &origin.branch].map(|name| line(name));
     bail!(

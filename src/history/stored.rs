@@ -10,7 +10,7 @@ use jiff::tz::TimeZone;
 use rusqlite::Row;
 
 use super::History;
-use super::run::{FigureKey, NANOSECONDS, Name, shortened};
+use super::run::{FigureKey, NANOSECONDS, Name, shorten};
 use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
 use fathom_record::{Estimate, Interval};
@@ -38,11 +38,11 @@ pub struct StoredRun {
 impl StoredRun {
     /// Beginning of its commit's name.
     pub fn short_commit(&self) -> String {
-        shortened(&self.commit)
+        shorten(&self.commit)
     }
 
     pub fn short_digest(&self) -> String {
-        shortened(&self.digest)
+        shorten(&self.digest)
     }
 
     /// Day of the commit, UTC.
@@ -69,8 +69,7 @@ impl Selection {
         }
     }
 
-    /// The figure is searched for changes.
-    fn is_asked(&self, figure: &FigureKey) -> bool {
+    fn is_searched(&self, figure: &FigureKey) -> bool {
         let filter = self.filter.as_deref().unwrap_or_default();
         !self.is_control(figure) && !figure.is_limit() && figure.name().contains(filter)
     }
@@ -94,21 +93,20 @@ impl SeriesKey {
     }
 
     /// What turns a value into the unit that people read.
-    pub fn shown(&self) -> f64 {
+    pub fn display_scale(&self) -> f64 {
         if self.is_time() { 1.0 / NS_PER_MS } else { 1.0 }
     }
 }
 
-/// A figure over runs.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Series {
+pub struct FigureSeries {
     pub key: SeriesKey,
     /// In the order of the runs.
-    pub points: Vec<Point>,
+    pub points: Vec<RunValue>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Point {
+pub struct RunValue {
     /// Place of its run in [`StoredRuns::runs`].
     pub run: usize,
     pub value: Estimate,
@@ -119,9 +117,9 @@ pub struct Point {
 pub struct StoredRuns {
     pub runs: Vec<StoredRun>,
     /// Sorted by key; none is empty.
-    pub series: Vec<Series>,
+    pub series: Vec<FigureSeries>,
     /// Figures that no commit changes.
-    pub controls: Vec<Series>,
+    pub controls: Vec<FigureSeries>,
 }
 
 /// Which part of a history.
@@ -148,7 +146,7 @@ impl History {
         let statement =
             format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
         let mut statement = self.connection.prepare(&statement)?;
-        let mut runs: Vec<StoredRun> = statement.query_map([], of_row)?.try_collect()?;
+        let mut runs: Vec<StoredRun> = statement.query_map([], from_row)?.try_collect()?;
         if let Some(since) = &selection.since {
             let since = moment(since, &runs)?;
             runs.retain(|run| run.committed_at >= since);
@@ -163,7 +161,7 @@ impl History {
     ///
     /// # Errors
     /// Where nothing is left.
-    pub fn stored(&self, selection: &Selection) -> anyhow::Result<StoredRuns> {
+    pub fn load(&self, selection: &Selection) -> anyhow::Result<StoredRuns> {
         let runs = self.runs(selection)?;
         let places: HashMap<i64, usize> =
             runs.iter().enumerate().map(|(at, run)| (run.id, at)).collect();
@@ -171,17 +169,17 @@ impl History {
         for (id, machine, figure) in self.keys(selection)? {
             let values = self.values(id)?.into_iter();
             let points =
-                values.filter_map(|(run, value)| Some(Point { run: *places.get(&run)?, value }));
+                values.filter_map(|(run, value)| Some(RunValue { run: *places.get(&run)?, value }));
             let branches = points
                 .sorted_unstable_by_key(|point| point.run)
                 .into_group_map_by(|point| runs[point.run].branch.clone());
             all.extend(branches.into_iter().map(|(branch, points)| {
                 let (machine, figure) = (machine.clone(), figure.clone());
-                Series { key: SeriesKey { branch, machine, figure }, points }
+                FigureSeries { key: SeriesKey { branch, machine, figure }, points }
             }));
         }
         all.sort_unstable_by(|a, b| a.key.cmp(&b.key));
-        let (controls, series): (Vec<Series>, Vec<Series>) =
+        let (controls, series): (Vec<FigureSeries>, Vec<FigureSeries>) =
             all.into_iter().partition(|series| selection.is_control(&series.key.figure));
         if let Some(control) = selection.control.as_ref().filter(|_| controls.is_empty()) {
             bail!("no time in this history is a control `{}`", line(control));
@@ -205,11 +203,11 @@ impl History {
             let names: Vec<Name> = (1..=9).map(name).collect::<rusqlite::Result<_>>()?;
             let names: [Name; 9] = names.try_into().map_err(|_| rusqlite::Error::InvalidQuery)?;
             let [machine, key @ ..] = names;
-            Ok((row.get(0)?, machine, FigureKey::of_names(key)))
+            Ok((row.get(0)?, machine, FigureKey::from_names(key)))
         };
         let keys = statement
             .query_map([], of_row)?
-            .filter_ok(|(.., key)| selection.is_asked(key) || selection.is_control(key));
+            .filter_ok(|(.., key)| selection.is_searched(key) || selection.is_control(key));
         Ok(keys.try_collect()?)
     }
 
@@ -228,7 +226,7 @@ impl History {
 }
 
 /// Of the columns [`RUN_COLUMNS`].
-fn of_row(row: &Row<'_>) -> rusqlite::Result<StoredRun> {
+fn from_row(row: &Row<'_>) -> rusqlite::Result<StoredRun> {
     Ok(StoredRun {
         id: row.get(0)?,
         digest: row.get(1)?,

@@ -3,13 +3,13 @@
 use serde_json::{Value, json};
 
 use super::controls::MachineShift;
-use super::findings::{Certainty, Change, FALSE_SHARE, Findings, Size};
+use super::findings::{Certainty, FALSE_SHARE, HistoryChanges, SeriesChange, Size};
 use super::run::NANOSECONDS;
-use super::stored::{Series, StoredRun, StoredRuns};
+use super::stored::{FigureSeries, StoredRun, StoredRuns};
 use fathom_base::text;
-use fathom_judge::change_points::{LEAST_RUNS, LEVEL};
+use fathom_judge::change_points::{LEVEL, MIN_RUNS};
 use fathom_record::Estimate;
-use fathom_report::document::{self, Part, Table};
+use fathom_report::document::{self, Block, Table};
 use fathom_report::format::{interval, three, trim_zeros};
 
 /// Unit in records of errors that have none.
@@ -30,18 +30,18 @@ pub fn runs(runs: &[StoredRun]) -> String {
             format!("{}, {}", run.adapter, run.driver),
         ]
     });
-    document::terminal(&[Part::Table(Table::new("Runs", head).with_rows(rows))]).trim().to_owned()
+    document::terminal(&[Block::Table(Table::new("Runs", head).with_rows(rows))]).trim().to_owned()
 }
 
 /// What was searched and what was found, in one or two sentences.
-pub fn headline(stored: &StoredRuns, findings: &Findings) -> String {
-    let Findings { changes, searched, too_short } = findings;
+pub fn headline(stored: &StoredRuns, findings: &HistoryChanges) -> String {
+    let HistoryChanges { changes, searched, too_short } = findings;
     let runs = stored.runs.len();
     let [sure, possible, drift] =
         [Certainty::Sure, Certainty::Possible, Certainty::Drift].map(|kind| findings.count(kind));
     let mut told = format!("{runs} runs, {searched} series searched");
     if *too_short > 0 {
-        told += &format!(", {too_short} too short (fewer than {LEAST_RUNS} runs)");
+        told += &format!(", {too_short} too short (fewer than {MIN_RUNS} runs)");
     }
     let [share, level] = [FALSE_SHARE, LEVEL].map(|share| 100.0 * share);
     if sure > 0 {
@@ -66,7 +66,7 @@ pub fn commits(before: &StoredRun, after: &StoredRun) -> String {
 }
 
 /// `+5.1 % (+4.2 … +6.0)`, or a difference with its unit.
-pub fn size(change: &Change, series: &Series) -> String {
+pub fn size(change: &SeriesChange, series: &FigureSeries) -> String {
     let (unit, factor) = match change.size {
         Size::Share(_) => (" %".to_owned(), 100.0),
         Size::Difference(_) => (format!(" {}", unit(series)), 1.0),
@@ -89,7 +89,7 @@ pub fn size(change: &Change, series: &Series) -> String {
 }
 
 /// What the machine did at a change; empty where it did nothing.
-pub fn machine(change: &Change) -> String {
+pub fn machine(change: &SeriesChange) -> String {
     let shift = |machine: &Estimate| format!("{:+.1} %", 100.0 * machine.median.exp_m1());
     match &change.machine {
         MachineShift::Unknown | MachineShift::Still => String::new(),
@@ -99,12 +99,12 @@ pub fn machine(change: &Change) -> String {
 }
 
 /// A value in the unit that people read.
-pub fn value(series: &Series, value: &Estimate) -> String {
-    interval(&value.scaled(series.key.shown()))
+pub fn value(series: &FigureSeries, value: &Estimate) -> String {
+    interval(&value.scaled(series.key.display_scale()))
 }
 
 /// Unit of a series for people; empty where there is none.
-pub fn unit(series: &Series) -> String {
+pub fn unit(series: &FigureSeries) -> String {
     match &*series.key.figure.unit {
         NANOSECONDS => "ms".to_owned(),
         WITHOUT_UNIT => String::new(),
@@ -113,16 +113,16 @@ pub fn unit(series: &Series) -> String {
 }
 
 /// The changes for machines.
-pub fn changes_json(stored: &StoredRuns, findings: &Findings) -> Value {
+pub fn changes_json(stored: &StoredRuns, findings: &HistoryChanges) -> Value {
     let changes: Vec<Value> =
         findings.changes.iter().map(|change| change_json(stored, change)).collect();
     json!({
         "runs": stored.runs.len(), "series": findings.searched, "too_short": findings.too_short,
-        "least_runs": LEAST_RUNS, "level": LEVEL, "false_share": FALSE_SHARE, "changes": changes,
+        "least_runs": MIN_RUNS, "level": LEVEL, "false_share": FALSE_SHARE, "changes": changes,
     })
 }
 
-fn change_json(stored: &StoredRuns, change: &Change) -> Value {
+fn change_json(stored: &StoredRuns, change: &SeriesChange) -> Value {
     let series = &stored.series[change.series];
     let [before, after] = change.runs.map(|run| run_json(&stored.runs[run]));
     let [adapter, driver, profile, cell, configuration, figure, unit, clock] =

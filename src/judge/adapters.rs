@@ -15,7 +15,7 @@ pub enum AdapterRelation {
 }
 
 impl AdapterRelation {
-    pub fn of(base: &Adapter, head: &Adapter) -> Self {
+    pub fn between(base: &Adapter, head: &Adapter) -> Self {
         if device(base) != device(head) {
             Self::Different
         } else if base.driver_info != head.driver_info {
@@ -25,9 +25,8 @@ impl AdapterRelation {
         }
     }
 
-    /// Of a comparison's two sides.
-    pub fn in_header(header: &ComparisonHeader) -> Self {
-        header.base_adapter.as_ref().map_or(Self::Same, |base| Self::of(base, &header.adapter))
+    pub fn from_header(header: &ComparisonHeader) -> Self {
+        header.base_adapter.as_ref().map_or(Self::Same, |base| Self::between(base, &header.adapter))
     }
 
     /// Times and instruction counts of the sides decide something.
@@ -107,8 +106,8 @@ mod tests {
             (navi21.clone(), radv("AMD Radeon RX 6800 XT (RADV NAVI21, LLVM 15.0.6)"), Same),
             (navi21, amdvlk, Different),
         ] {
-            assert_eq!(AdapterRelation::of(&base, &head), expected, "{base:?} {head:?}");
-            assert_eq!(AdapterRelation::of(&head, &base), expected);
+            assert_eq!(AdapterRelation::between(&base, &head), expected, "{base:?} {head:?}");
+            assert_eq!(AdapterRelation::between(&head, &base), expected);
         }
     }
 

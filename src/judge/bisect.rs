@@ -44,9 +44,9 @@ const OTHER: f64 = 0.5;
 /// Multiples of the assumed scatter of builds, with their probabilities.
 const BUILDS: [(f64, f64); 3] = [(1.0, 0.5), (2.0, 0.3), (4.0, 0.2)];
 /// The search ends with an answer of this probability.
-pub const ENOUGH: f64 = 0.95;
+pub const MIN_CERTAINTY: f64 = 0.95;
 /// What measuring one more revision must promise, of the probability that is open: below this nothing more can be told.
-const LEAST_PROMISE: f64 = 1e-3;
+const MIN_PROMISE: f64 = 1e-3;
 
 /// A search among revisions 1 … n, of which the last is known to have the step. Revision 0 is the good one.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,13 +59,12 @@ pub struct Search {
     skipped: BTreeSet<usize>,
 }
 
-/// What a search has found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
+pub struct StepEstimate {
     /// The most probable first revision with the step.
     pub first: usize,
     pub probability: f64,
-    /// The fewest revisions that hold the first one with the probability [`ENOUGH`], with their own, in order.
+    /// The fewest revisions that hold the first one with the probability [`MIN_CERTAINTY`], with their own, in order.
     pub candidates: Vec<(usize, f64)>,
     /// ln of the step, with its 95 % interval, if `first` is right.
     pub step: f64,
@@ -91,7 +90,7 @@ impl Search {
     /// Squared scale of a launch, and the mean of each revision with one over its variance, builds left out. Launches are by Student's t:
     /// expectation and maximization in turn (Lange, Little and Taylor, *J. Am. Stat. Assoc.* 84, 1989). A batch that scatters more than
     /// all do counts by its own scale: the machine was busier then.
-    fn launches_by_t(&self) -> (f64, BTreeMap<usize, Known>) {
+    fn launches_by_t(&self) -> (f64, BTreeMap<usize, RevisionMean>) {
         let batches = self.figures.values().flatten();
         let middle = |launches: &Vec<f64>| fathom_base::statistics::median(launches);
         let mut fits: Vec<(f64, f64)> = batches.clone().map(|own| (middle(own), 0.0)).collect();
@@ -100,7 +99,7 @@ impl Search {
         for _ in 0..ROUNDS {
             let (mut squares, mut free) = (ASSUMED_LAUNCHES * assumed, ASSUMED_LAUNCHES);
             for (launches, fit) in batches.clone().zip(&mut fits) {
-                *fit = by_t(launches, fit.0, variance);
+                *fit = robust_mean(launches, fit.0, variance);
                 squares += fit.1;
                 free += (launches.len() - 1) as f64;
             }
@@ -108,7 +107,7 @@ impl Search {
         }
         let mut fits = fits.into_iter();
         let mut known = |batches: &Vec<Vec<f64>>| {
-            let mut known = Known::default();
+            let mut known = RevisionMean::default();
             for (launches, (mean, _)) in batches.iter().zip(&mut fits) {
                 let squares: f64 = launches.iter().map(|launch| (launch - mean).powi(2)).sum();
                 let own = (variance + squares) / launches.len() as f64;
@@ -116,7 +115,7 @@ impl Search {
                 known.mean += weight * mean;
                 known.weight += weight;
             }
-            Known { mean: known.mean / known.weight, ..known }
+            RevisionMean { mean: known.mean / known.weight, ..known }
         };
         let known = self.figures.iter().map(|(revision, batches)| (*revision, known(batches)));
         let known = known.collect();
@@ -124,8 +123,8 @@ impl Search {
     }
 
     /// What the launches say, with this scatter of builds.
-    fn seen(&self, build: f64, known: &BTreeMap<usize, Known>) -> Seen {
-        let mut seen = Seen::new(self.revisions, self.scatter.other);
+    fn likelihood(&self, build: f64, known: &BTreeMap<usize, RevisionMean>) -> Likelihoods {
+        let mut seen = Likelihoods::new(self.revisions, self.scatter.other);
         for (revision, known) in known {
             let (weight, mean) = (with_build(build, known.weight), known.mean);
             seen.evidence += 0.5 * (weight.ln() - weight * mean * mean);
@@ -144,12 +143,12 @@ impl Search {
     }
 
     /// For revisions 1 … n: the probability that it is the first with the step, and the step if it is.
-    fn steps(&self) -> Vec<Step> {
+    fn steps(&self) -> Vec<StepMass> {
         let (_, known) = self.launches_by_t();
-        let mut steps = Steps::new(self.revisions);
+        let mut steps = StepMasses::new(self.revisions);
         let no_other = if self.revisions > 1 { 1.0 - OTHER } else { 1.0 };
         for (multiple, share) in BUILDS {
-            let seen = self.seen(multiple * self.scatter.build, &known);
+            let seen = self.likelihood(multiple * self.scatter.build, &known);
             let with_other = share * OTHER / (self.revisions - 1).max(1) as f64;
             for first in 1..=self.revisions {
                 let (log, step, variance) = seen.one(first);
@@ -169,13 +168,13 @@ impl Search {
     /// The revision to measure next, by so many launches; none where the answer is there, or nothing more can be told.
     pub fn next(&self, launches: usize) -> Option<usize> {
         let steps = self.steps();
-        let found = found(&steps);
+        let found = most_probable(&steps);
         let (variance, known) = self.launches_by_t();
-        if found.probability >= ENOUGH {
+        if found.probability >= MIN_CERTAINTY {
             return None;
         }
         let mut before = 0.0;
-        let mut best = (LEAST_PROMISE, None);
+        let mut best = (MIN_PROMISE, None);
         for revision in 1..self.revisions {
             before += steps[revision - 1].mass;
             let known = known.get(&revision).map_or(0.0, |known| known.weight);
@@ -191,8 +190,8 @@ impl Search {
         best.1
     }
 
-    pub fn found(&self) -> Found {
-        found(&self.steps())
+    pub fn estimate(&self) -> StepEstimate {
+        most_probable(&self.steps())
     }
 
     /// Launches that were measured.
@@ -201,35 +200,35 @@ impl Search {
     }
 }
 
-fn found(steps: &[Step]) -> Found {
+fn most_probable(steps: &[StepMass]) -> StepEstimate {
     let mut sorted: Vec<(usize, f64)> =
         (1..).zip(steps).map(|(first, step)| (first, step.mass)).collect();
     sorted.sort_by(|a, b| b.1.total_cmp(&a.1));
     let (first, probability) = sorted.first().copied().unwrap_or((steps.len(), 0.0));
     let mut held = 0.0;
     let enough = sorted.iter().take_while(|(_, share)| {
-        let open = held < ENOUGH;
+        let open = held < MIN_CERTAINTY;
         held += share;
         open
     });
     let mut candidates: Vec<(usize, f64)> = enough.copied().collect();
     candidates.sort_by_key(|(revision, _)| *revision);
-    let Step { mean: step, variance, .. } = steps[first - 1];
+    let StepMass { mean: step, variance, .. } = steps[first - 1];
     let half = Z_95 * variance.sqrt();
     let interval = Interval { low: step - half, high: step + half };
-    Found { first, probability, candidates, step, interval }
+    StepEstimate { first, probability, candidates, step, interval }
 }
 
 /// What a revision's launches say of its mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Known {
+struct RevisionMean {
     mean: f64,
     /// One over the mean's variance.
     weight: f64,
 }
 
 /// A better mean of launches by Student's t, and the sum of their squared deviations from the one before, both weighted.
-fn by_t(launches: &[f64], mean: f64, variance: f64) -> (f64, f64) {
+fn robust_mean(launches: &[f64], mean: f64, variance: f64) -> (f64, f64) {
     let (mut shares, mut sum, mut squares) = (0.0, 0.0, 0.0);
     for launch in launches {
         let square = (launch - mean).powi(2);
@@ -253,54 +252,54 @@ fn with_build(build: f64, weight: f64) -> f64 {
 
 /// A step of one revision, over all that is unknown.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Step {
+struct StepMass {
     mass: f64,
     /// While masses are added: sums of means and of squares, by their masses.
     mean: f64,
     variance: f64,
 }
 
-struct Steps {
-    steps: Vec<Step>,
+struct StepMasses {
+    steps: Vec<StepMass>,
     /// ln of the mass that counts as 1: the largest so far.
-    most: f64,
+    log_scale: f64,
 }
 
-impl Steps {
+impl StepMasses {
     fn new(revisions: usize) -> Self {
-        Self { steps: vec![Step::default(); revisions], most: f64::NEG_INFINITY }
+        Self { steps: vec![StepMass::default(); revisions], log_scale: f64::NEG_INFINITY }
     }
 
     fn add(&mut self, first: usize, log: f64, mean: f64, variance: f64) {
-        if log > self.most {
-            let by = (self.most - log).exp();
+        if log > self.log_scale {
+            let by = (self.log_scale - log).exp();
             self.steps.iter_mut().for_each(|step| {
                 (step.mass, step.mean) = (step.mass * by, step.mean * by);
                 step.variance *= by;
             });
-            self.most = log;
+            self.log_scale = log;
         }
-        let (mass, step) = ((log - self.most).exp(), &mut self.steps[first - 1]);
+        let (mass, step) = ((log - self.log_scale).exp(), &mut self.steps[first - 1]);
         step.mass += mass;
         step.mean += mass * mean;
         step.variance += mass * (variance + mean * mean);
     }
 
     /// The masses sum to 1, and means and variances are those of each step.
-    fn shared(self) -> Vec<Step> {
+    fn shared(self) -> Vec<StepMass> {
         let sum: f64 = self.steps.iter().map(|step| step.mass).sum();
-        let shared = |step: Step| {
+        let shared = |step: StepMass| {
             let mass = step.mass.max(f64::MIN_POSITIVE);
             let mean = step.mean / mass;
             let variance = (step.variance / mass - mean * mean).max(0.0);
-            Step { mass: step.mass / sum, mean, variance }
+            StepMass { mass: step.mass / sum, mean, variance }
         };
         self.steps.into_iter().map(shared).collect()
     }
 }
 
 /// Weights of revisions, and weights times means; and what they say of steps.
-struct Seen {
+struct Likelihoods {
     /// ln of the likelihood without any step.
     evidence: f64,
     own: Vec<(f64, f64)>,
@@ -311,7 +310,7 @@ struct Seen {
     of_other: f64,
 }
 
-impl Seen {
+impl Likelihoods {
     fn new(revisions: usize, other: f64) -> Self {
         // The good revision is number 0, and nothing is beyond the last.
         let none = vec![(0.0, 0.0); revisions + 2];
@@ -356,8 +355,7 @@ mod tests {
     /// A bisection with a whole comparison at each step: 2⁵ ≥ 24, and the ends.
     const PLAIN: usize = 5 * ENDS + ENDS;
 
-    /// A history in which one revision brings a step.
-    struct History {
+    struct StepHistory {
         first: usize,
         step: f64,
         /// Of each build.
@@ -374,7 +372,7 @@ mod tests {
         random: Pcg64,
     }
 
-    impl History {
+    impl StepHistory {
         fn new(seed: u64, step: f64, scatter: Scatter) -> Self {
             let mut random = Pcg64::seed_from_u64(seed);
             let first = random.random_range(1..=REVISIONS);
@@ -432,7 +430,7 @@ mod tests {
 
     /// How searches of many histories ended: shares of all, and means.
     #[derive(Debug, Default)]
-    struct Ended {
+    struct SearchStats {
         found: f64,
         /// Stated with 0.9 or more.
         sure: f64,
@@ -447,13 +445,13 @@ mod tests {
     const RIGHT: f64 = 0.74;
     const HELD: f64 = 0.84;
 
-    fn ended(name: &str, history: impl Fn(u64) -> History) -> Ended {
+    fn ended(name: &str, history: impl Fn(u64) -> StepHistory) -> SearchStats {
         const HISTORIES: u64 = 50;
-        let mut ended = Ended::default();
+        let mut ended = SearchStats::default();
         for seed in 0..HISTORIES {
             let mut history = history(seed);
             let search = history.search(&[]);
-            let answer = search.found();
+            let answer = search.estimate();
             let hit = f64::from(answer.first == history.first);
             ended.found += hit / HISTORIES as f64;
             if answer.probability >= 0.9 {
@@ -474,7 +472,8 @@ mod tests {
     #[test]
     fn the_revision_is_found_in_fewer_launches_and_with_the_probability_that_is_told() {
         for (step, least_found) in [(0.05, 0.84), (0.02, 0.28)] {
-            let ended = ended(&format!("step {step}"), |seed| History::new(seed, step, LAUNCHES));
+            let ended =
+                ended(&format!("step {step}"), |seed| StepHistory::new(seed, step, LAUNCHES));
             assert!(ended.found >= least_found && ended.right >= RIGHT, "{ended:?}");
             assert!(ended.held >= HELD, "{ended:?}");
             assert!(step < 0.05 || ended.launches <= 0.6 * PLAIN as f64, "{ended:?}");
@@ -483,24 +482,24 @@ mod tests {
 
     #[test]
     fn what_is_told_as_probable_is_right_beside_another_step_tails_and_drift() {
-        let usual = |seed, step| History::new(seed, step, LAUNCHES);
+        let usual = |seed, step| StepHistory::new(seed, step, LAUNCHES);
         for (step, other) in [(0.05, 0.02), (0.05, -0.02), (0.03, 0.02), (0.03, -0.02)] {
             let name = format!("{step}, another {other}");
-            told_rightly(step, ended(&name, |seed| usual(seed, step).with_other(other)));
+            check_coverage(step, ended(&name, |seed| usual(seed, step).with_other(other)));
         }
         for step in [0.05, 0.02] {
             let of = |seed, off, drift| {
                 let usual = usual(seed, step);
-                History { off, drift: (drift, usual.drift.1), ..usual }
+                StepHistory { off, drift: (drift, usual.drift.1), ..usual }
             };
-            let storm = |seed| History { storm: 6.0, ..usual(seed, step) };
-            told_rightly(step, ended(&format!("{step}, stormy batches"), storm));
-            told_rightly(step, ended(&format!("{step}, tails of 10 %"), |s| of(s, 0.1, 0.0)));
-            told_rightly(step, ended(&format!("{step}, drift of 1 %"), |s| of(s, 0.0, 0.01)));
+            let storm = |seed| StepHistory { storm: 6.0, ..usual(seed, step) };
+            check_coverage(step, ended(&format!("{step}, stormy batches"), storm));
+            check_coverage(step, ended(&format!("{step}, tails of 10 %"), |s| of(s, 0.1, 0.0)));
+            check_coverage(step, ended(&format!("{step}, drift of 1 %"), |s| of(s, 0.0, 0.01)));
         }
     }
 
-    fn told_rightly(step: f64, ended: Ended) {
+    fn check_coverage(step: f64, ended: SearchStats) {
         assert!(ended.right >= RIGHT, "{ended:?}");
         assert!(step < 0.05 || ended.sure >= 0.5, "{ended:?}");
     }
@@ -513,7 +512,7 @@ mod tests {
             while let Some(revision) = search.next(1) {
                 search.add(revision, &[f64::from(revision >= first)]);
             }
-            let found = search.found();
+            let found = search.estimate();
             assert!(found.first == first && found.probability > 0.999, "{first}: {found:?}");
             assert!(search.launches() <= 6, "{first}: {}", search.launches());
         }
@@ -521,10 +520,11 @@ mod tests {
 
     #[test]
     fn revisions_that_do_not_build_stay_together() {
-        let mut history = History::new(3, 0.1, Scatter { launch: 0.005, build: 0.001, other: 0.0 });
+        let mut history =
+            StepHistory::new(3, 0.1, Scatter { launch: 0.005, build: 0.001, other: 0.0 });
         history.first = 10;
         let search = history.search(&[9, 10, 11]);
-        let Found { candidates, step, interval, .. } = search.found();
+        let StepEstimate { candidates, step, interval, .. } = search.estimate();
         let named: Vec<usize> = candidates.iter().map(|(revision, _)| *revision).collect();
         assert_eq!(named, [9, 10, 11, 12]);
         assert!(candidates.iter().all(|(_, share)| (0.2..0.3).contains(share)), "{candidates:?}");
@@ -536,6 +536,6 @@ mod tests {
         let mut search = Search::new(1, Scatter::COUNTS);
         search.add(1, &[0.01]);
         assert_eq!(search.next(BATCH), None);
-        assert_eq!((search.found().first, search.found().probability), (1, 1.0));
+        assert_eq!((search.estimate().first, search.estimate().probability), (1, 1.0));
     }
 }

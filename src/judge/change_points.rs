@@ -16,16 +16,16 @@
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use statrs::function::factorial::ln_binomial;
 
-use crate::scores::{Ranked, Scores};
+use crate::scores::{RankScores, Scores};
 
 /// Chance that a stable series has a change point. By calculation an upper bound; `docs/history.md` has what was measured.
 pub const LEVEL: f64 = 0.1;
 /// Fewest runs in which a change can reach [`LEVEL`].
-pub const LEAST_RUNS: usize = 10;
+pub const MIN_RUNS: usize = 10;
 /// Fewest runs on either side of a change: one or two slow nights are no change.
-pub const LEAST_SIDE: usize = 3;
+pub const MIN_SIDE: usize = 3;
 /// Shortest of the intervals that are searched beside a whole segment.
-const LEAST_INTERVAL: usize = 20;
+const MIN_INTERVAL: usize = 20;
 /// Share of the level for the whole segment. The rest is for its intervals.
 const WHOLE_SHARE: f64 = 0.5;
 
@@ -33,17 +33,17 @@ const WHOLE_SHARE: f64 = 0.5;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChangePoint {
     /// The first run of the new level, counted from 0.
-    pub at: usize,
+    pub first: usize,
     /// The least level at which it is found: chance that a stable series has such a change, at most. Of a split of a part, allowed
     /// for what was searched there.
     pub p: f64,
 }
 
-/// The change points of a series at [`LEVEL`], in their order. None of a series shorter than [`LEAST_RUNS`].
+/// The change points of a series at [`LEVEL`], in their order. None of a series shorter than [`MIN_RUNS`].
 pub fn change_points(values: &[f64], scores: &mut Scores) -> Vec<ChangePoint> {
     let mut found = Vec::new();
     search(values, 0, 0.0, scores, &mut found);
-    found.sort_unstable_by_key(|point| point.at);
+    found.sort_unstable_by_key(|point| point.first);
     settle(values, scores, &mut found);
     found
 }
@@ -58,10 +58,10 @@ fn search(
 ) {
     let Some(split) = surest(values, scores).filter(|split| split.p <= LEVEL) else { return };
     let p = split.p.max(parent);
-    found.push(ChangePoint { at: first + split.at, p });
-    let (before, after) = values.split_at(split.at);
+    found.push(ChangePoint { first: first + split.first, p });
+    let (before, after) = values.split_at(split.first);
     search(before, first, p, scores, found);
-    search(after, first + split.at, p, scores, found);
+    search(after, first + split.first, p, scores, found);
 }
 
 /// The surest split of a segment over all intervals in it.
@@ -74,7 +74,7 @@ fn surest(values: &[f64], scores: &mut Scores) -> Option<ChangePoint> {
         for start in starts {
             let Some(split) = best_split(&values[*start..start + length], scores) else { continue };
             if split.p / share < surest.p {
-                surest = ChangePoint { at: start + split.at, p: split.p / share };
+                surest = ChangePoint { first: start + split.first, p: split.p / share };
             }
         }
     }
@@ -85,7 +85,7 @@ fn surest(values: &[f64], scores: &mut Scores) -> Option<ChangePoint> {
 /// by half.
 fn layers(n: usize) -> Vec<(usize, Vec<usize>)> {
     let lengths = (1..).map(|layer| n.div_ceil(1 << layer));
-    let lengths = lengths.take_while(|length| *length >= LEAST_INTERVAL);
+    let lengths = lengths.take_while(|length| *length >= MIN_INTERVAL);
     lengths
         .map(|length| {
             let steps = (n - length).div_ceil(length / 2);
@@ -97,29 +97,29 @@ fn layers(n: usize) -> Vec<(usize, Vec<usize>)> {
 /// The best split of an interval, its probability allowed for the number of splits. None of an interval that is too short.
 fn best_split(values: &[f64], scores: &mut Scores) -> Option<ChangePoint> {
     let n = values.len();
-    if n < LEAST_RUNS {
+    if n < MIN_RUNS {
         return None;
     }
-    let Ranked { scores, most_equal } = scores.of(values);
+    let RankScores { scores, max_ties } = scores.rank(values);
     let squares: f64 = scores.iter().map(|score| score * score).sum();
     if squares <= f64::EPSILON * n as f64 {
         return None;
     }
-    let (at, z) = largest(&scores, squares);
-    Some(ChangePoint { at, p: of_largest(one_split(z, at, n, most_equal), n) })
+    let (first, z) = largest(&scores, squares);
+    Some(ChangePoint { first, p: max_split_p_value(split_p_value(z, first, n, max_ties), n) })
 }
 
 /// The split whose left side has the mean that is furthest from 0, in standard deviations over all arrangements of the scores.
 fn largest(scores: &[f64], squares: f64) -> (usize, f64) {
     let n = scores.len();
     let mut sum = 0.0;
-    let mut best = (LEAST_SIDE, 0.0);
-    for (index, score) in scores[..n - LEAST_SIDE].iter().enumerate() {
+    let mut best = (MIN_SIDE, 0.0);
+    for (index, score) in scores[..n - MIN_SIDE].iter().enumerate() {
         sum += score;
         let at = index + 1;
         let arrangements = (at * (n - at)) as f64 / (n * (n - 1)) as f64;
         let z = sum.abs() / (arrangements * squares).sqrt();
-        if at >= LEAST_SIDE && z > best.1 {
+        if at >= MIN_SIDE && z > best.1 {
             best = (at, z);
         }
     }
@@ -130,7 +130,7 @@ fn largest(scores: &[f64], squares: f64) -> (usize, f64) {
 ///
 /// Each set of runs is as probable as any other to come first, so 2 / C(n, k) is the least probability there is. Runs with equal
 /// values can change places: no more than those that are not among the most that are equal count.
-fn one_split(z: f64, at: usize, n: usize, most_equal: usize) -> f64 {
+fn split_p_value(z: f64, at: usize, n: usize, most_equal: usize) -> f64 {
     let freedom = (n - 2) as f64;
     let rest = (n - 1) as f64 - z * z;
     let side = at.min(n - at).min(n - most_equal);
@@ -144,8 +144,8 @@ fn one_split(z: f64, at: usize, n: usize, most_equal: usize) -> f64 {
 }
 
 /// Probability that the largest over all splits is so far from 0, from the probability of one.
-fn of_largest(p: f64, n: usize) -> f64 {
-    let splits = (n - 2 * LEAST_SIDE + 1) as f64;
+fn max_split_p_value(p: f64, n: usize) -> f64 {
+    let splits = (n - 2 * MIN_SIDE + 1) as f64;
     (splits * p).min(bridge(p, n)).min(1.0)
 }
 
@@ -156,7 +156,7 @@ fn bridge(p: f64, n: usize) -> f64 {
     if !(2.0..30.0).contains(&x) {
         return 1.0;
     }
-    let outermost = LEAST_SIDE as f64 / n as f64;
+    let outermost = MIN_SIDE as f64 / n as f64;
     let length = 2.0 * ((1.0 - outermost) / outermost).ln();
     let density = x * (-x * x / 2.0).exp() / std::f64::consts::TAU.sqrt();
     density * (length * (1.0 - 1.0 / (x * x)) + 4.0 / (x * x))
@@ -166,10 +166,10 @@ fn bridge(p: f64, n: usize) -> f64 {
 /// *Econometric Theory* 13 (1997).
 fn settle(values: &[f64], scores: &mut Scores, found: &mut [ChangePoint]) {
     for place in 0..found.len() {
-        let from = place.checked_sub(1).map_or(0, |before| found[before].at);
-        let to = found.get(place + 1).map_or(values.len(), |after| after.at);
+        let from = place.checked_sub(1).map_or(0, |before| found[before].first);
+        let to = found.get(place + 1).map_or(values.len(), |after| after.first);
         if let Some(split) = best_split(&values[from..to], scores) {
-            found[place].at = from + split.at;
+            found[place].first = from + split.first;
         }
     }
 }

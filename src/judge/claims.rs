@@ -7,20 +7,19 @@ use itertools::Itertools;
 use fathom_experiments::{self as experiments, Experiment, Ruling};
 use fathom_record::{Cell, Profile, Run};
 
-/// A cell and the run that it belongs to.
 #[derive(Clone, Copy)]
-pub struct Entry<'a> {
+pub struct RunCell<'a> {
     pub cell: &'a Cell,
     pub run: Option<&'a Run>,
 }
 
 /// Some of these cells were measured on a software driver.
-pub fn is_software(entries: &[Entry<'_>]) -> bool {
+pub fn is_software(entries: &[RunCell<'_>]) -> bool {
     entries.iter().any(|entry| entry.run.is_none_or(|run| run.adapter.software))
 }
 
 /// A ruling on each claim; `run` is the latest.
-pub fn rulings(experiment: &Experiment, entries: &[Entry<'_>], run: Option<&Run>) -> Vec<Ruling> {
+pub fn rulings(experiment: &Experiment, entries: &[RunCell<'_>], run: Option<&Run>) -> Vec<Ruling> {
     let cells = entries.iter().map(|entry| entry.cell).collect_vec();
     let mut rulings = experiment.rulings(&cells, is_software(entries));
     let is_quick = run.is_some_and(|run| run.profile == Profile::Quick);
@@ -32,11 +31,11 @@ pub fn rulings(experiment: &Experiment, entries: &[Entry<'_>], run: Option<&Run>
 /// No verdict rests on two machines: a run may go on elsewhere.
 fn rule_out_several_machines(
     experiment: &Experiment,
-    entries: &[Entry<'_>],
+    entries: &[RunCell<'_>],
     cells: &[&Cell],
     rulings: &mut [Ruling],
 ) {
-    fn host<'a>(entry: &Entry<'a>) -> Option<&'a str> {
+    fn host<'a>(entry: &RunCell<'a>) -> Option<&'a str> {
         entry.run?.conditions.host.as_deref()
     }
     if entries.iter().filter_map(host).all_equal() {
@@ -44,7 +43,7 @@ fn rule_out_several_machines(
     }
     for (claim, ruling) in experiment.claim.iter().zip(rulings) {
         let concerned: HashSet<*const Cell> =
-            experiments::concerned(claim, cells).into_iter().map(std::ptr::from_ref).collect();
+            experiments::claimed_cells(claim, cells).into_iter().map(std::ptr::from_ref).collect();
         let of_claim = entries.iter().filter(|e| concerned.contains(&std::ptr::from_ref(e.cell)));
         let hosts: BTreeSet<&str> = of_claim.filter_map(host).collect();
         if hosts.len() > 1 {

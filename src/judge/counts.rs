@@ -9,15 +9,14 @@ use std::collections::BTreeMap;
 use fathom_record::comparison::{CellId, CellSubject, InstructionCounts};
 
 use super::adapters::AdapterRelation;
-use super::store::{StoredComparison, of_both};
+use super::store::{Comparison, pair_sides};
 
 /// Share by which the instructions to encode a stage must differ: of 40,000, equal builds differ by up to 1.2 %, as keys of hash
 /// tables are random.
 const ENCODE_THRESHOLD: f64 = 0.03;
 
-/// A cell's counts on both sides.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Counted {
+pub struct CountChange {
     /// Medians over the frames.
     pub base: f64,
     pub head: f64,
@@ -35,9 +34,9 @@ pub enum Change {
     NotJudged,
 }
 
-impl Counted {
+impl CountChange {
     /// The second counts, with what both say. What processes of one side differ by adds to the threshold.
-    fn confirmed(&self, second: Self, threshold: f64) -> Self {
+    fn confirm(&self, second: Self, threshold: f64) -> Self {
         let apart = |first: f64, second: f64| (second / first - 1.0).abs();
         let scatter = apart(self.base, second.base).max(apart(self.head, second.head));
         let is_beyond = |of: &Self| (of.ratio - 1.0).abs() > threshold + scatter;
@@ -48,30 +47,30 @@ impl Counted {
 
 /// Compares the counts of both sides. A change is one that exceeds the threshold and the spread of
 /// either side's frames, each time that the cell was counted; cells that lack a side are left out.
-pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Counted> {
-    let mut cells = counted(comparison, false);
-    for (cell, second) in counted(comparison, true) {
+pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, CountChange> {
+    let mut cells = count_changes(comparison, false);
+    for (cell, second) in count_changes(comparison, true) {
         if let Some(counted) = cells.get_mut(&cell) {
-            *counted = counted.confirmed(second, threshold(comparison, &cell));
+            *counted = counted.confirm(second, threshold(comparison, &cell));
         }
     }
-    if !AdapterRelation::in_header(&comparison.header).is_judged() {
+    if !AdapterRelation::from_header(&comparison.header).is_judged() {
         cells.values_mut().for_each(|counted| counted.change = Change::NotJudged);
     }
     cells
 }
 
 /// Cells whose first counts say that they changed, which no second counts confirm or refute yet.
-pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
-    let is_judged = AdapterRelation::in_header(&comparison.header).is_judged();
-    let again = counted(comparison, true);
-    let changed = counted(comparison, false).into_iter();
+pub fn open(comparison: &Comparison) -> Vec<CellId> {
+    let is_judged = AdapterRelation::from_header(&comparison.header).is_judged();
+    let again = count_changes(comparison, true);
+    let changed = count_changes(comparison, false).into_iter();
     let changed = changed.filter(|(_, counted)| is_judged && counted.change != Change::Same);
     changed.map(|(cell, _)| cell).filter(|cell| !again.contains_key(cell)).collect()
 }
 
 /// Share by which a cell's counts must differ.
-fn threshold(comparison: &StoredComparison, cell: &CellId) -> f64 {
+fn threshold(comparison: &Comparison, cell: &CellId) -> f64 {
     let threshold = comparison.header.settings.instruction_threshold;
     match cell.subject() {
         CellSubject::Encode(_) => threshold.max(ENCODE_THRESHOLD),
@@ -80,17 +79,17 @@ fn threshold(comparison: &StoredComparison, cell: &CellId) -> f64 {
 }
 
 /// The first or the second counts.
-fn counted(comparison: &StoredComparison, second: bool) -> BTreeMap<CellId, Counted> {
+fn count_changes(comparison: &Comparison, second: bool) -> BTreeMap<CellId, CountChange> {
     let lines = comparison.instructions.iter();
     let lines = lines.filter(|line| line.second == second && !line.counts.is_empty());
     let judged = |(base, head): (&InstructionCounts, &InstructionCounts)| {
         let threshold = threshold(comparison, &base.cell);
-        (base.cell.clone(), compared(&base.counts, &head.counts, threshold))
+        (base.cell.clone(), compare_counts(&base.counts, &head.counts, threshold))
     };
-    of_both(lines, |line| (line.side, &line.cell)).into_iter().map(judged).collect()
+    pair_sides(lines, |line| (line.side, &line.cell)).into_iter().map(judged).collect()
 }
 
-fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted {
+fn compare_counts(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> CountChange {
     let median = |counts: &[u64]| {
         let counts: Vec<f64> = counts.iter().map(|count| *count as f64).collect();
         fathom_base::statistics::median(&counts)
@@ -104,7 +103,7 @@ fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted
     } else {
         Change::Same
     };
-    Counted { base, head, ratio, change }
+    CountChange { base, head, ratio, change }
 }
 
 #[cfg(test)]
@@ -118,17 +117,17 @@ mod tests {
     fn two_percent_more_is_a_change_and_the_spread_of_runs_is_not() {
         let base = [60_679_568, 60_718_750, 60_729_061];
         let again = [60_677_997, 60_716_862, 60_727_334];
-        assert_eq!(compared(&base, &again, 0.005).change, Change::Same);
+        assert_eq!(compare_counts(&base, &again, 0.005).change, Change::Same);
         let more = base.map(|count| count + count / 50);
-        let counted = compared(&base, &more, 0.005);
+        let counted = compare_counts(&base, &more, 0.005);
         assert_eq!(counted.change, Change::More);
         assert!((counted.ratio - 1.02).abs() < 1e-6);
-        assert_eq!(compared(&more, &base, 0.005).change, Change::Fewer);
+        assert_eq!(compare_counts(&more, &base, 0.005).change, Change::Fewer);
     }
 
     /// What a comparison of one cell says whose counts are `[base, head]`, first and second.
     fn judged(counts: &[[u64; 2]]) -> (Change, usize) {
-        let mut comparison = StoredComparison::default();
+        let mut comparison = Comparison::default();
         for (second, sides) in [false, true].into_iter().zip(counts) {
             for (side, count) in Side::BOTH.into_iter().zip(sides) {
                 let cell = CellId::new("a", "b");
@@ -162,7 +161,7 @@ mod tests {
     #[test]
     fn frames_that_vary_more_than_the_sides_differ_are_no_change() {
         let wide = [100, 110, 120];
-        assert_eq!(compared(&wide, &[112, 113, 114], 0.005).change, Change::Same);
-        assert_eq!(compared(&wide, &[121, 122, 123], 0.005).change, Change::More);
+        assert_eq!(compare_counts(&wide, &[112, 113, 114], 0.005).change, Change::Same);
+        assert_eq!(compare_counts(&wide, &[121, 122, 123], 0.005).change, Change::More);
     }
 }

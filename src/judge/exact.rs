@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::adapters::AdapterRelation;
-use super::store::{StoredComparison, of_both};
+use super::store::{Comparison, pair_sides};
 use fathom_record::ErrorFigure;
 use fathom_record::comparison::{
     CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
@@ -14,9 +14,9 @@ use fathom_record::comparison::{
 /// errors by far less, a lower-quality setting by more.
 pub const ERROR_GROWTH: f64 = 0.01;
 /// Growth of an error, in its own unit (metres, shares), that is none however small the base's error is.
-pub const LEAST_ERROR: f64 = 1e-6;
+pub const MIN_ERROR: f64 = 1e-6;
 /// The same for a check, as a share of the check's tolerance.
-pub const LEAST_OF_TOLERANCE: f64 = 0.01;
+pub const MIN_OF_TOLERANCE: f64 = 0.01;
 
 /// What a difference concerns.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,19 +61,20 @@ impl Difference {
 }
 
 /// Every figure that differs between the sides, in the order of the lines.
-pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
+pub fn judge(comparison: &Comparison) -> Vec<Difference> {
     let counting = Side::BOTH.map(|side| counting(comparison, side));
     let mut found = Vec::new();
-    for (base, head) in of_both(comparison.exact.iter(), |line| (line.side, &line.cell)) {
+    for (base, head) in pair_sides(comparison.exact.iter(), |line| (line.side, &line.cell)) {
         let counted = counting.iter().all(|side| side.contains(base.cell.configuration()));
         found.extend(cell(base, head, counted));
     }
     for (base, head) in configurations(comparison) {
         configuration(base, head, &comparison.header.cells, &mut found);
     }
-    let checks = of_both(comparison.checks.iter(), |line| (line.side, (&line.stage, &line.what)));
+    let checks =
+        pair_sides(comparison.checks.iter(), |line| (line.side, (&line.stage, &line.what)));
     found.extend(checks.into_iter().filter_map(|(base, head)| check(base, head)));
-    if !AdapterRelation::in_header(&comparison.header).is_judged() {
+    if !AdapterRelation::from_header(&comparison.header).is_judged() {
         // What another driver or device invokes more often is no change of this one.
         let counters = found.iter_mut().filter(|other| other.kind == FigureKind::Counter);
         counters.for_each(|other| other.worse = false);
@@ -81,14 +82,12 @@ pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
     found
 }
 
-fn configurations(
-    comparison: &StoredComparison,
-) -> Vec<(&ConfigurationFigures, &ConfigurationFigures)> {
-    of_both(comparison.configurations.iter(), |line| (line.side, &line.configuration))
+fn configurations(comparison: &Comparison) -> Vec<(&ConfigurationFigures, &ConfigurationFigures)> {
+    pair_sides(comparison.configurations.iter(), |line| (line.side, &line.configuration))
 }
 
 /// Configurations in which a side counts invocations.
-fn counting(comparison: &StoredComparison, side: Side) -> BTreeSet<&str> {
+fn counting(comparison: &Comparison, side: Side) -> BTreeSet<&str> {
     let lines = comparison.exact.iter();
     let counted = lines.filter(|line| line.side == side && !line.counters.is_empty());
     counted.map(|line| line.cell.configuration()).collect()
@@ -96,19 +95,19 @@ fn counting(comparison: &StoredComparison, side: Side) -> BTreeSet<&str> {
 
 /// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged
 /// line may have held it.
-pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
+pub fn missing(comparison: &Comparison) -> Vec<Fault> {
     let mut faults = Vec::new();
     for (base, head) in configurations(comparison) {
         let given =
             |name: &String| head.errors.contains_key(name) || head.quantities.contains_key(name);
         let lacking = base.errors.keys().filter(|name| !given(name));
-        faults.extend(lacking.map(|name| lack(Side::Head, name, &base.configuration)));
+        faults.extend(lacking.map(|name| missing_fault(Side::Head, name, &base.configuration)));
     }
     let [base, head] = Side::BOTH.map(|side| {
         let checks = comparison.checks.iter().filter(|check| check.side == side);
         checks.map(|check| (&check.stage, &check.what)).collect::<BTreeSet<_>>()
     });
-    let check = |side, (stage, what): &(&String, &String)| lack(side, what, stage);
+    let check = |side, (stage, what): &(&String, &String)| missing_fault(side, what, stage);
     // A side without any check has a fault that says why.
     if !base.is_empty() && !head.is_empty() {
         faults.extend(base.difference(&head).map(|name| check(Side::Head, name)));
@@ -119,7 +118,7 @@ pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
     faults
 }
 
-fn lack(side: Side, figure: &str, of: &str) -> Fault {
+fn missing_fault(side: Side, figure: &str, of: &str) -> Fault {
     let reason = format!("the {side} does not give {figure} of {of}");
     Fault::new(Gate::Exact, Some(side), None, reason)
 }
@@ -170,7 +169,7 @@ fn configuration(
     let (errors, quantities): (Vec<_>, Vec<_>) = pairs.partition(|(name, ..)| is_error(name));
     let grown: BTreeMap<&str, bool> = errors
         .iter()
-        .filter(|(_, b, h)| moved(b.abs(), h.abs(), LEAST_ERROR))
+        .filter(|(_, b, h)| differs(b.abs(), h.abs(), MIN_ERROR))
         .map(|(name, b, h)| (*name, larger(b.abs(), h.abs())))
         .collect();
     for (name, b, h) in errors {
@@ -181,7 +180,7 @@ fn configuration(
         }
     }
     for (name, b, h) in quantities {
-        if moved(b, h, LEAST_ERROR) {
+        if differs(b, h, MIN_ERROR) {
             differ(whole.clone(), FigureKind::Quantity, name, b, h, false);
         }
     }
@@ -212,8 +211,8 @@ fn scope_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> Diffe
 
 fn check(base: &CheckFigure, head: &CheckFigure) -> Option<Difference> {
     let broken = base.sound && !head.sound;
-    let least = LEAST_OF_TOLERANCE * base.tolerance;
-    let differs = broken || moved(base.measured, head.measured, least);
+    let least = MIN_OF_TOLERANCE * base.tolerance;
+    let differs = broken || differs(base.measured, head.measured, least);
     differs.then(|| Difference {
         scope: DifferenceScope::Stage(base.stage.clone()),
         kind: FigureKind::Error,
@@ -225,7 +224,7 @@ fn check(base: &CheckFigure, head: &CheckFigure) -> Option<Difference> {
 }
 
 /// A difference beyond what the order of floating-point sums makes. What is a number on one side only has moved.
-fn moved(base: f64, head: f64, least: f64) -> bool {
+fn differs(base: f64, head: f64, least: f64) -> bool {
     let tolerance = (ERROR_GROWTH * base.abs()).max(least);
     let within = (head - base).abs() <= tolerance;
     !within && (base.is_finite() || head.is_finite())

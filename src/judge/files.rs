@@ -8,20 +8,20 @@ use itertools::Itertools;
 
 use crate::adapters::AdapterRelation;
 use crate::changes::cells::redefinition;
-use crate::store::StoredComparison;
+use crate::store::Comparison;
 use fathom_base::private;
 use fathom_record as record;
 use fathom_record::comparison::{
     CellId, ComparisonEnd, ConfigurationFigures, ExactFigures, Fault, Gate, Side, Skip,
 };
 use fathom_record::{
-    Adapter, Cell, Measured, OVER_BUDGET, Outcome, Reading, Record, RecordError, Run,
+    Adapter, Cell, Measured, OVER_BUDGET, Outcome, Record, RecordError, RecordFile, Run,
 };
 
 /// A file of a run's records, as it was read.
 pub struct RunFile {
     pub path: PathBuf,
-    pub reading: Reading,
+    pub reading: RecordFile,
 }
 
 impl RunFile {
@@ -33,8 +33,7 @@ impl RunFile {
     }
 }
 
-/// What a file holds of its last run.
-struct Sorted<'a> {
+struct LastRun<'a> {
     run: &'a Run,
     /// By resume key: the same pipeline, scene and parameters.
     cells: BTreeMap<String, &'a Cell>,
@@ -43,16 +42,16 @@ struct Sorted<'a> {
 
 /// What two files hold of the same cells, as the exact gate judges it.
 pub struct SameCells {
-    pub comparison: StoredComparison,
+    pub comparison: Comparison,
     /// Why the times may not even stand beside each other.
     pub untimed: Option<String>,
 }
 
 impl SameCells {
     /// By these gates: where times are asked for, they are said not to be judged.
-    pub fn of([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
+    pub fn compare([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
         let [base, head] = [sorted(base)?, sorted(head)?];
-        let untimed = timed(base.run, head.run).err();
+        let untimed = check_comparable(base.run, head.run).err();
         let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
         let mut ids = BTreeMap::new();
         for (key, cell) in &base.cells {
@@ -76,7 +75,7 @@ impl SameCells {
 }
 
 /// How many each file holds, and what differs in the first that have one name.
-fn why_none(base: &Sorted<'_>, head: &Sorted<'_>) -> String {
+fn why_none(base: &LastRun<'_>, head: &LastRun<'_>) -> String {
     let [of_base, of_head] =
         [base, head].map(|of| of.cells.values().copied().filter(|c| c.measured().is_some()));
     let counts = format!(
@@ -105,7 +104,7 @@ fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
     }
 }
 
-fn sorted(file: &RunFile) -> anyhow::Result<Sorted<'_>> {
+fn sorted(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
     let RunFile { path, reading } = file;
     let name = private::path(path);
     let mut notes: Vec<String> = reading.damaged.notice(Path::new(&name)).into_iter().collect();
@@ -130,12 +129,12 @@ fn sorted(file: &RunFile) -> anyhow::Result<Sorted<'_>> {
         }
     }
     let run = last.with_context(|| format!("{} holds no run", path.display()))?;
-    Ok(Sorted { run, cells, notes })
+    Ok(LastRun { run, cells, notes })
 }
 
 /// Why the times of two runs may not stand beside each other. Two versions of one driver may: what that changes is of interest.
-fn timed(base: &Run, head: &Run) -> Result<(), String> {
-    if AdapterRelation::of(&base.adapter, &head.adapter).is_judged() {
+fn check_comparable(base: &Run, head: &Run) -> Result<(), String> {
+    if AdapterRelation::between(&base.adapter, &head.adapter).is_judged() {
         return same_shaders(base, head);
     }
     comparable(base, head)
@@ -163,7 +162,7 @@ fn same_shaders(base: &Run, head: &Run) -> Result<(), String> {
 struct Contents {
     /// Counters may stand beside each other: they belong to a driver, like times.
     same_driver: bool,
-    comparison: StoredComparison,
+    comparison: Comparison,
 }
 
 impl Contents {

@@ -3,8 +3,8 @@
 
 use itertools::Itertools;
 
-use fathom_base::statistics::{ALPHA, Interval, least_samples, median, median_interval};
-use fathom_experiments::Reading;
+use fathom_base::statistics::{ALPHA, Interval, median, median_interval, min_samples};
+use fathom_experiments::Quantity;
 
 /// A change of an exponent that counts. Chosen: those of two runs agree within 0.1.
 pub const MIN_CHANGE: f64 = 0.25;
@@ -74,14 +74,14 @@ pub fn crossing(points: &[ShareAt], bound: f64) -> Knee {
 
 /// Where the exponent of `y ∝ x^b` changes: between neighbouring sizes it is `ln(y₂/y₁) / ln(x₂/x₁)`, round by round, and two of these
 /// differ where the interval of their difference lies beyond [`MIN_CHANGE`]. Of all such pairs the nearest counts.
-pub fn change_of_exponent(points: &[(f64, Reading)]) -> Knee {
+pub fn change_of_exponent(points: &[(f64, Quantity)]) -> Knee {
     if points.len() < 3 {
         let sizes = points.len();
         return Knee::NotSettled(format!("too few sizes with a time: {sizes} of 3"));
     }
     let steps = points.iter().tuple_windows().map(|((x, y), (next_x, next_y))| {
         let span = (next_x / x).ln();
-        next_y.over(y).map(|ratio| ratio.ln() / span)
+        next_y.ratio_to(y).map(|ratio| ratio.ln() / span)
     });
     let steps = steps.collect_vec();
     let pairs = (0..steps.len()).array_combinations::<2>().collect_vec();
@@ -114,14 +114,14 @@ pub fn change_of_exponent(points: &[(f64, Reading)]) -> Knee {
 }
 
 fn too_few(samples: usize, alpha: f64) -> Option<String> {
-    let needed = least_samples(alpha);
+    let needed = min_samples(alpha);
     (samples < needed).then(|| format!("too few samples: {samples} of {needed}"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_experiments::Sample;
+    use fathom_experiments::RoundSample;
 
     /// Twelve samples about a value, apart by so much of it.
     fn samples(value: f64, spread: f64) -> Vec<f64> {
@@ -176,15 +176,15 @@ mod tests {
 
     #[test]
     fn an_exponent_changes_where_intervals_of_steps_differ() {
-        let times = |of: &dyn Fn(f64) -> f64, noise: f64| -> Vec<(f64, Reading)> {
+        let times = |of: &dyn Fn(f64) -> f64, noise: f64| -> Vec<(f64, Quantity)> {
             let sizes = [32.0, 64.0, 128.0, 256.0, 512.0];
             let reading = |(place, x): (usize, f64)| {
                 let value = |n: u32| {
                     let sign = if (n as usize + place).is_multiple_of(2) { 1.0 } else { -1.0 };
                     of(x) * (1.0 + sign * noise)
                 };
-                let samples = (0..24).map(|n| Sample { round: n, value: value(n) });
-                (x, Reading::Sampled(samples.collect()))
+                let samples = (0..24).map(|n| RoundSample { round: n, value: value(n) });
+                (x, Quantity::Sampled(samples.collect()))
             };
             sizes.into_iter().enumerate().map(reading).collect()
         };

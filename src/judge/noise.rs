@@ -22,16 +22,16 @@ pub enum TimeNoise<'v> {
 
 impl<'v> TimeNoise<'v> {
     /// None where no times were to be judged.
-    pub fn of(verdicts: &'v Verdicts<'_>) -> Option<Self> {
+    pub fn from_verdicts(verdicts: &'v Verdicts<'_>) -> Option<Self> {
         let (_, state) = verdicts.gates.iter().find(|(gate, _)| *gate == Gate::Time)?;
         match state {
             GateState::Skipped(_) => None,
             GateState::Void(reason) => Some(Self::Void(reason)),
-            GateState::Ran => Self::of_cells(verdicts),
+            GateState::Ran => Self::from_cells(verdicts),
         }
     }
 
-    fn of_cells(verdicts: &Verdicts<'_>) -> Option<Self> {
+    fn from_cells(verdicts: &Verdicts<'_>) -> Option<Self> {
         let times = verdicts.cells.iter().filter_map(|cell| cell.time.as_ref());
         let judged = times.filter(|time| time.verdict != TimeVerdict::NotJudged).collect_vec();
         let middle = |figure: &dyn Fn(&CellTime) -> f64| {

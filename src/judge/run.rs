@@ -20,7 +20,7 @@ const STEAL: f64 = 0.01;
 /// Frame times of one machine correlate over less than 2 s, so medians of such spans of time are nearly independent.
 const SPAN_S: f64 = 10.0;
 /// Spans at most, as pairs grow with the square of them.
-const MOST_SPANS: f64 = 120.0;
+const MAX_SPANS: f64 = 120.0;
 /// Without a sample for so long the run was taken up again: what changed meanwhile is no drift.
 const PAUSE_S: f64 = 300.0;
 
@@ -51,7 +51,7 @@ pub enum Advice {
 pub struct RunVerdict {
     pub noise: Noise,
     /// The half width that was asked of each cell's frame time, over its median.
-    pub asked: f64,
+    pub target: f64,
     /// Timed cells.
     pub cells: usize,
     /// Those of them that reached what was asked.
@@ -106,10 +106,10 @@ impl Drift {
 
 impl RunVerdict {
     /// Of the frames of all timed cells; none where there are none.
-    pub fn of(run: &Run, frames: &[&FrameRecord]) -> Option<Self> {
-        let asked = run.asked_precision();
+    pub fn judge(run: &Run, frames: &[&FrameRecord]) -> Option<Self> {
+        let target = run.asked_precision();
         let widths = frames.iter().map(|frame| frame.untimed.relative_half_width()).collect_vec();
-        let precise = widths.iter().filter(|width| **width <= asked).count();
+        let precise = widths.iter().filter(|width| **width <= target).count();
         let drift = drift(frames);
         let per_minute = drift.map_or(0.0, |drift| drift.per_minute.median);
         let scatters = frames.iter().filter_map(|frame| scatter(frame, per_minute));
@@ -121,13 +121,13 @@ impl RunVerdict {
             scatter > SCATTER || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
         let noise = match drift {
             _ if is_noisy => Noise::Noisy,
-            Some(drift) if drift.exceeds(asked) => Noise::Drifting,
+            Some(drift) if drift.exceeds(target) => Noise::Drifting,
             _ => Noise::Quiet,
         };
         let (cells, half_width) = (frames.len(), statistics::median(&widths));
         (cells > 0).then_some(Self {
             noise,
-            asked,
+            target,
             cells,
             precise,
             half_width,
@@ -147,7 +147,7 @@ impl RunVerdict {
         let is_busy = self.load.is_some_and(|load| load.is_busy());
         let is_stolen_from = self.load.is_some_and(|load| load.is_stolen_from());
         let scatters_alone = self.noise == Noise::Noisy && !is_busy && !is_stolen_from;
-        let drift = self.drift.filter(|drift| drift.exceeds(self.asked));
+        let drift = self.drift.filter(|drift| drift.exceeds(self.target));
         let advice = [
             is_busy.then_some(Advice::CloseOthers),
             is_stolen_from.then_some(Advice::UnsharedHost),
@@ -182,8 +182,7 @@ fn load(frames: &[&FrameRecord], cores: usize) -> Option<MeanLoad> {
     })
 }
 
-/// An untimed frame.
-struct Sample {
+struct UntimedFrame {
     at_s: f64,
     /// Number of its cell.
     cell: usize,
@@ -192,7 +191,7 @@ struct Sample {
 }
 
 /// A span of time, with the median of each cell's log times in it by the number of the cell.
-struct Span {
+struct TimeSpan {
     at_s: f64,
     cells: BTreeMap<usize, f64>,
 }
@@ -201,7 +200,7 @@ struct Span {
 /// one cell are compared, so cells need not be measured at the same time.
 fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
     let sessions = sessions(frames);
-    let lasts_s = |samples: &Vec<Sample>| Some(samples.last()?.at_s - samples.first()?.at_s);
+    let lasts_s = |samples: &Vec<UntimedFrame>| Some(samples.last()?.at_s - samples.first()?.at_s);
     let longest_s = sessions.iter().filter_map(lasts_s).fold(0.0, f64::max);
     let (mut pairs, mut first) = (Vec::new(), 0);
     for spans in sessions.iter().map(|samples| spans(samples)) {
@@ -214,17 +213,18 @@ fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
 }
 
 /// All samples in the order of time, divided at pauses.
-fn sessions(frames: &[&FrameRecord]) -> Vec<Vec<Sample>> {
+fn sessions(frames: &[&FrameRecord]) -> Vec<Vec<UntimedFrame>> {
     let of_cell = |(cell, frame): (usize, &&FrameRecord)| {
         let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
-        samples.map(|(at_s, ns)| Sample { at_s: *at_s, cell, log: ns.ln() }).collect_vec()
+        samples.map(|(at_s, ns)| UntimedFrame { at_s: *at_s, cell, log: ns.ln() }).collect_vec()
     };
     let samples = frames.iter().enumerate().flat_map(of_cell);
     let samples = samples.filter(|sample| sample.log.is_finite());
-    let mut sessions = Vec::<Vec<Sample>>::new();
+    let mut sessions = Vec::<Vec<UntimedFrame>>::new();
     for sample in samples.sorted_by(|a, b| a.at_s.total_cmp(&b.at_s)) {
         let before = sessions.last_mut();
-        let goes_on = |before: &Vec<Sample>| sample.at_s - before[before.len() - 1].at_s < PAUSE_S;
+        let goes_on =
+            |before: &Vec<UntimedFrame>| sample.at_s - before[before.len() - 1].at_s < PAUSE_S;
         match before.filter(|before| goes_on(before)) {
             Some(before) => before.push(sample),
             None => sessions.push(vec![sample]),
@@ -233,23 +233,23 @@ fn sessions(frames: &[&FrameRecord]) -> Vec<Vec<Sample>> {
     sessions
 }
 
-fn spans(samples: &[Sample]) -> Vec<Span> {
+fn spans(samples: &[UntimedFrame]) -> Vec<TimeSpan> {
     let [Some(first), Some(last)] = [samples.first(), samples.last()] else { return Vec::new() };
-    let span_s = ((last.at_s - first.at_s) / MOST_SPANS).max(SPAN_S);
-    let number = |sample: &&Sample| ((sample.at_s - first.at_s) / span_s) as usize;
+    let span_s = ((last.at_s - first.at_s) / MAX_SPANS).max(SPAN_S);
+    let number = |sample: &&UntimedFrame| ((sample.at_s - first.at_s) / span_s) as usize;
     let mut spans = Vec::new();
     for (_, samples) in &samples.iter().chunk_by(number) {
         let samples = samples.collect_vec();
         let by_cell = samples.iter().map(|sample| (sample.cell, sample.log)).into_group_map();
         let cells = by_cell.into_iter().map(|(cell, logs)| (cell, statistics::median(&logs)));
         let at_s = statistics::median(&samples.iter().map(|sample| sample.at_s).collect_vec());
-        spans.push(Span { at_s, cells: cells.collect() });
+        spans.push(TimeSpan { at_s, cells: cells.collect() });
     }
     spans
 }
 
 /// Between all pairs of spans with a cell in common, per minute; `first` is the number of the first span.
-fn slopes(spans: &[Span], first: usize) -> Vec<PairSlope> {
+fn slopes(spans: &[TimeSpan], first: usize) -> Vec<PairSlope> {
     let pairs = spans.iter().zip(first..).array_combinations();
     let slopes = pairs.filter_map(|[(a, earlier), (b, later)]| {
         let common = a.cells.iter().filter_map(|(cell, log)| Some(b.cells.get(cell)? - log));

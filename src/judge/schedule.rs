@@ -8,9 +8,8 @@ use fathom_record::comparison::CellId;
 /// pairs instead of 16 the figures of launches of `scene/gbuffer` scattered by 1.1 to 2.0 % instead of 2.6 to 3.8 % (llvmpipe).
 pub const MORE_PAIRS: u32 = 4;
 
-/// What the gate measures.
 #[derive(Clone, Debug)]
-pub struct Schedule {
+pub struct GateSchedule {
     pub cells: Vec<CellId>,
     /// Measured once more with the base on both sides.
     pub control: Option<CellId>,
@@ -22,20 +21,18 @@ pub struct Schedule {
     pub second: bool,
 }
 
-impl Schedule {
-    /// Its first launches.
-    pub fn until(&self, launches: u32) -> Self {
+impl GateSchedule {
+    pub fn first_launches(&self, launches: u32) -> Self {
         Self { launches: self.launches.min(launches), ..self.clone() }
     }
 
-    /// The same of the cells that are not settled.
-    pub fn without(mut self, settled: &BTreeSet<CellId>) -> Self {
+    pub fn without_settled(mut self, settled: &BTreeSet<CellId>) -> Self {
         self.cells.retain(|cell| !settled.contains(cell));
         self
     }
 
     /// The second measurement, of the cells that this one left open.
-    pub fn again(&self, open: Vec<CellId>) -> Self {
+    pub fn second_measurement(&self, open: Vec<CellId>) -> Self {
         let room = self.pairs as usize * self.cells.len() / open.len().max(1);
         let most = (MORE_PAIRS * self.pairs) as usize;
         Self {

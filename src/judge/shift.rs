@@ -1,6 +1,6 @@
 //! By how much two sides of a change differ.
 
-use super::change_points::LEAST_SIDE;
+use super::change_points::MIN_SIDE;
 use fathom_base::statistics::{Estimate, Interval, Z_95, median};
 
 /// The shift from the first side to the second with its 95 % interval: the median of all differences (Hodges and Lehmann) and the
@@ -14,7 +14,7 @@ pub fn shift(before: &[f64], after: &[f64]) -> Estimate {
     let (n, all) = (before.len() + after.len(), differences.len() as f64);
     let reach = Z_95 * (all * (n + 1) as f64 / 12.0).sqrt();
     let below = (all / 2.0 - reach).floor();
-    let enough = before.len().min(after.len()) >= LEAST_SIDE && below >= 1.0;
+    let enough = before.len().min(after.len()) >= MIN_SIDE && below >= 1.0;
     let interval = enough.then(|| Interval {
         low: differences[below as usize - 1],
         high: differences[differences.len() - below as usize],

@@ -9,20 +9,20 @@ use fathom_base::folder;
 use fathom_record as record;
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures,
-    ExactFigures, Fault, InstructionCounts, Launch, MOST_LAUNCHES, Pair, Side,
+    ExactFigures, Fault, InstructionCounts, Launch, MAX_LAUNCHES, Pair, Side,
 };
-use fathom_record::output::{Held, RECORDS};
-use fathom_record::{Reading, Record, RecordError};
+use fathom_record::output::{RECORDS, Recording};
+use fathom_record::{Record, RecordError, RecordFile};
 
 /// Appends records in one piece. Nothing else than this writes, so that measuring is not disturbed.
-pub fn write(held: &mut Held, lines: Vec<Compared>) -> Result<(), RecordError> {
+pub fn write(held: &mut Recording, lines: Vec<Compared>) -> Result<(), RecordError> {
     let records: Vec<Record> = lines.into_iter().map(Record::from).collect();
     held.writer.write_all(&records)
 }
 
 /// Everything that was measured, as verdicts take it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct StoredComparison {
+pub struct Comparison {
     pub header: ComparisonHeader,
     pub configurations: Vec<ConfigurationFigures>,
     pub exact: Vec<ExactFigures>,
@@ -43,23 +43,21 @@ pub struct StoredComparison {
     pub damaged: Vec<String>,
 }
 
-impl StoredComparison {
+impl Comparison {
     /// Nothing measured yet.
     pub fn new(header: ComparisonHeader) -> Self {
         Self { header, ..Self::default() }
     }
 
-    /// The comparison stored in a folder.
     pub fn read(folder: &Path) -> anyhow::Result<Self> {
         let path = folder.join(RECORDS);
         if !folder::is_there(&record::stored(&path)) {
             bail!("no comparison in {}", folder.display());
         }
-        Self::of(record::read(&path)?, &path)
+        Self::from_reading(record::read(&path)?, &path)
     }
 
-    /// The comparison that the records of a file hold.
-    pub fn of(reading: Reading, path: &Path) -> anyhow::Result<Self> {
+    pub fn from_reading(reading: RecordFile, path: &Path) -> anyhow::Result<Self> {
         let damaged = Some(reading.damaged.to_string()).filter(|_| !reading.damaged.is_empty());
         let foreign = !reading.records.is_empty() && !holds_comparison(&reading.records);
         if foreign {
@@ -88,7 +86,7 @@ impl StoredComparison {
                 Compared::Pair(line) => all.pairs.push(line),
                 Compared::Launch(line) => all.launches.push(line),
                 Compared::Fault(line) => all.faults.push(line),
-                Compared::End(line) => all.ended(line),
+                Compared::End(line) => all.set_end(line),
             }
         }
         all.header = header?;
@@ -112,12 +110,11 @@ impl StoredComparison {
         launches.filter(|launch| launch.second == second).count()
     }
 
-    /// Measuring ended by itself.
-    pub fn came_to_its_end(&self) -> bool {
+    pub fn is_complete(&self) -> bool {
         self.end.as_ref().is_some_and(|end| !end.interrupted)
     }
 
-    fn ended(&mut self, mut end: ComparisonEnd) {
+    fn set_end(&mut self, mut end: ComparisonEnd) {
         if end.interrupted {
             self.faults_before_interruption = self.faults.len();
         }
@@ -132,12 +129,12 @@ impl StoredComparison {
         self.launches.retain(|launch| {
             let count = &mut counts[usize::from(launch.second)];
             *count += 1;
-            *count <= MOST_LAUNCHES as usize
+            *count <= MAX_LAUNCHES as usize
         });
         let left_out = all - self.launches.len();
         if left_out > 0 {
             self.damaged.push(format!(
-                "{left_out} launches beyond the first {MOST_LAUNCHES} of a measurement were left out"
+                "{left_out} launches beyond the first {MAX_LAUNCHES} of a measurement were left out"
             ));
         }
     }
@@ -154,7 +151,7 @@ impl StoredComparison {
 
 /// Lines of the base, each with the head's line of the same key; what one side lacks is left out. Of several lines
 /// with one key, which a resumed comparison may have, the last holds.
-pub fn of_both<'a, T, K: Ord>(
+pub fn pair_sides<'a, T, K: Ord>(
     lines: impl Iterator<Item = &'a T> + Clone,
     key: impl Fn(&'a T) -> (Side, K),
 ) -> Vec<(&'a T, &'a T)> {

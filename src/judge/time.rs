@@ -19,10 +19,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::adapters::AdapterRelation;
 use super::rank;
-use super::store::StoredComparison;
+use super::store::Comparison;
 use fathom_base::statistics::{Estimate, mean, median};
 use fathom_record::ThrottleReason;
-use fathom_record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair};
+use fathom_record::comparison::{CellId, ComparisonHeader, GateSettings, MAX_PAIRS, Pair};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TimeVerdict {
@@ -70,13 +70,13 @@ pub struct CellTime {
 
 impl CellTime {
     /// What the pairs of one cell say alone; [`together`] adds what they say among others.
-    fn of(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
+    fn from_pairs(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
         let mut ratios: BTreeMap<u32, [Vec<f64>; 2]> = BTreeMap::new();
         for pair in pairs {
             let of_launch = ratios.entry(pair.launch).or_default();
             of_launch[pair.first as usize].push((pair.head_ns / pair.base_ns).ln());
         }
-        let launches: Vec<f64> = ratios.values().map(middle).collect();
+        let launches: Vec<f64> = ratios.values().map(launch_ratio).collect();
         let median = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
         let centre = rank::centre(&launches, settings.alpha);
         let bound = (1.0 + settings.threshold).ln();
@@ -93,13 +93,13 @@ impl CellTime {
             p: (2.0 * slower.min(faster)).min(1.0),
             adjusted_p: 1.0,
             detectable: None,
-            throttled: ThrottledLaunches::of(pairs),
+            throttled: ThrottledLaunches::count(pairs),
             launches,
         }
     }
 
     /// Launches that it would have had if the look had not settled it.
-    fn launches_at_most(&self, settings: &GateSettings) -> usize {
+    fn max_launches(&self, settings: &GateSettings) -> usize {
         let n = self.launches.len();
         let is_settled = !self.second && self.verdict == TimeVerdict::Same && n == LOOK as usize;
         if is_settled { n.max(settings.launches as usize) } else { n }
@@ -129,7 +129,7 @@ pub struct ThrottledLaunches {
 }
 
 impl ThrottledLaunches {
-    fn of(pairs: &[&Pair]) -> Option<Self> {
+    fn count(pairs: &[&Pair]) -> Option<Self> {
         let mut launches = [BTreeSet::new(), BTreeSet::new()];
         let mut reasons = BTreeSet::new();
         for pair in pairs {
@@ -137,7 +137,7 @@ impl ThrottledLaunches {
             for (state, launches) in states.into_iter().zip(&mut launches) {
                 if let Some(state) = state.as_ref().filter(|state| state.is_throttled()) {
                     launches.insert(pair.launch);
-                    reasons.extend(state.harmful().cloned());
+                    reasons.extend(state.harmful_reasons().cloned());
                 }
             }
         }
@@ -167,7 +167,7 @@ impl TimeGate {
     }
 
     /// Why no time of this gate can be used, if so: the control differs, though both of its sides are the base.
-    pub fn void(&self, alpha: f64) -> Option<String> {
+    pub fn void_reason(&self, alpha: f64) -> Option<String> {
         let mut controls = self.controls.iter();
         let moved = controls.find(|control| control.adjusted_p <= alpha)?;
         Some(format!(
@@ -179,14 +179,14 @@ impl TimeGate {
 }
 
 /// Pairs of one order that a launch's figure is taken from: all that a launch may have, as half of its pairs have each order.
-const MOST_SAMPLES: usize = 2 * MOST_PAIRS as usize;
+const MAX_SAMPLES: usize = 2 * MAX_PAIRS as usize;
 
 /// A launch's figure from ln(head / base) of its pairs, by the side that was sampled first.
-fn middle([a, b]: &[Vec<f64>; 2]) -> f64 {
+fn launch_ratio([a, b]: &[Vec<f64>; 2]) -> f64 {
     if a.is_empty() || b.is_empty() {
         return median(if a.is_empty() { b } else { a });
     }
-    let (a, b) = (a.iter().take(MOST_SAMPLES), b.iter().take(MOST_SAMPLES));
+    let (a, b) = (a.iter().take(MAX_SAMPLES), b.iter().take(MAX_SAMPLES));
     let means = a.flat_map(|x| b.clone().map(move |y| (x + y) / 2.0));
     median(&means.collect::<Vec<_>>())
 }
@@ -207,7 +207,7 @@ pub fn judge<'a>(
     }
     let of = |cell: &CellId, control, second| {
         let pairs = sorted.get(&(cell, control, second))?;
-        Some(CellTime::of(cell, second, pairs, settings))
+        Some(CellTime::from_pairs(cell, second, pairs, settings))
     };
     let last = |cell: &CellId| of(cell, false, true).or_else(|| of(cell, false, false));
     let controls = sorted.keys().filter(|(_, control, _)| *control);
@@ -230,7 +230,7 @@ fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> 
             let slower = cell.change.median > 0.0;
             cell.verdict = if slower { TimeVerdict::Slower } else { TimeVerdict::Faster };
         }
-        let shift = rank::detectable(cell.launches_at_most(settings), level);
+        let shift = rank::detectable(cell.max_launches(settings), level);
         let least = |shift: f64| (bound + shift * deviation(&cell.launches)).exp_m1();
         cell.detectable = shift.map(least);
     }
@@ -238,10 +238,10 @@ fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> 
 }
 
 /// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
-pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
+pub fn open(comparison: &Comparison) -> Vec<CellId> {
     let ComparisonHeader { cells, settings, .. } = &comparison.header;
-    let is_judged = AdapterRelation::in_header(&comparison.header).is_judged();
-    if !is_judged || !first_is_whole(comparison) {
+    let is_judged = AdapterRelation::from_header(&comparison.header).is_judged();
+    if !is_judged || !is_first_complete(comparison) {
         return Vec::new();
     }
     let first = comparison.pairs.iter().filter(|pair| !pair.second);
@@ -252,14 +252,14 @@ pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
 }
 
 /// Launches before the look; none where it could spare less than half of them.
-pub fn look(settings: &GateSettings) -> Option<u32> {
+pub fn launches_before_look(settings: &GateSettings) -> Option<u32> {
     (settings.launches >= 2 * LOOK).then_some(LOOK)
 }
 
 /// Cells that the launches before the look show to be unchanged. At half the level, as the last launch tells again.
-pub fn settled(comparison: &StoredComparison) -> BTreeSet<CellId> {
+pub fn unchanged_cells(comparison: &Comparison) -> BTreeSet<CellId> {
     let ComparisonHeader { cells, settings, .. } = &comparison.header;
-    let Some(look) = look(settings) else { return BTreeSet::new() };
+    let Some(look) = launches_before_look(settings) else { return BTreeSet::new() };
     let first = comparison.launches.iter().filter(|launch| !launch.second);
     let first: BTreeSet<u32> = first.map(|launch| launch.launch).take(look as usize).collect();
     if first.len() < look as usize {
@@ -272,9 +272,9 @@ pub fn settled(comparison: &StoredComparison) -> BTreeSet<CellId> {
 }
 
 /// The first measurement has all its launches, or nothing is left to measure.
-pub fn first_is_whole(comparison: &StoredComparison) -> bool {
+pub fn is_first_complete(comparison: &Comparison) -> bool {
     let settings = &comparison.header.settings;
-    let settled = settled(comparison);
+    let settled = unchanged_cells(comparison);
     let is_settled = |pair: &Pair| pair.control || settled.contains(&pair.cell);
     comparison.launches_of(false) >= settings.launches as usize
         || !settled.is_empty() && comparison.pairs.iter().all(is_settled)

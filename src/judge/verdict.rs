@@ -6,9 +6,9 @@ use itertools::Itertools;
 use strum::{Display, EnumIter};
 
 use super::adapters::AdapterRelation;
-use super::counts::{self, Change, Counted};
+use super::counts::{self, Change, CountChange};
 use super::exact::{self, Difference, FigureKind};
-use super::store::StoredComparison;
+use super::store::Comparison;
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
 use fathom_record::comparison::{CellId, Fault, Gate, Side};
 
@@ -56,7 +56,7 @@ pub struct JudgedCell {
     pub cell: CellId,
     pub verdict: CellVerdict,
     pub time: Option<CellTime>,
-    pub instructions: Option<Counted>,
+    pub instructions: Option<CountChange>,
     /// Differences of exact figures charged to this cell.
     pub differences: Vec<Difference>,
     /// Why it could not be measured, by one gate or another; each reason once.
@@ -96,7 +96,7 @@ pub enum Status {
 /// Everything that is concluded from a comparison.
 #[derive(Clone, Debug)]
 pub struct Verdicts<'a> {
-    pub comparison: &'a StoredComparison,
+    pub comparison: &'a Comparison,
     /// In the order of the header.
     pub cells: Vec<JudgedCell>,
     /// Differences of whole configurations.
@@ -109,10 +109,10 @@ pub struct Verdicts<'a> {
 }
 
 impl<'a> Verdicts<'a> {
-    pub fn of(comparison: &'a StoredComparison) -> Self {
+    pub fn judge(comparison: &'a Comparison) -> Self {
         let header = &comparison.header;
         let mut time = time::judge(&header.cells, &comparison.pairs, &header.settings);
-        if !AdapterRelation::in_header(header).is_judged() {
+        if !AdapterRelation::from_header(header).is_judged() {
             time = time.unjudged();
         }
         let gates = Gate::ALL.map(|gate| (gate, state(comparison, gate, &time)));
@@ -156,7 +156,7 @@ impl<'a> Verdicts<'a> {
     fn status(&self) -> Status {
         let settings = &self.comparison.header.settings;
         let any = |verdict| self.cells.iter().any(|cell| cell.verdict == verdict);
-        let incomplete = !self.comparison.came_to_its_end() || any(CellVerdict::NotMeasured);
+        let incomplete = !self.comparison.is_complete() || any(CellVerdict::NotMeasured);
         let regression = self.cells.iter().any(|cell| cell.verdict.is_regression())
             || self.configurations.iter().any(|difference| difference.worse);
         let unjudged = any(CellVerdict::NotJudged)
@@ -187,7 +187,7 @@ impl<'a> Verdicts<'a> {
     }
 
     /// How many cells have each verdict, the worst verdict first; those that none has are left out.
-    pub fn counts(&self) -> Vec<(CellVerdict, usize)> {
+    pub fn count_verdicts(&self) -> Vec<(CellVerdict, usize)> {
         self.cells.iter().counts_by(|cell| cell.verdict).into_iter().sorted().collect()
     }
 }
@@ -201,11 +201,11 @@ impl JudgedCell {
     }
 
     /// Each gate that ran has both sides' figures of the cell, and one did run.
-    fn is_measured(&self, comparison: &StoredComparison, gates: &[(Gate, GateState)]) -> bool {
+    fn is_measured(&self, comparison: &Comparison, gates: &[(Gate, GateState)]) -> bool {
         let mut ran = gates.iter().filter(|(_, state)| *state == GateState::Ran).peekable();
         let software = comparison.header.adapter.software;
         let has = |gate: Gate| match gate {
-            gate if !self.cell.subject().is_of(gate, software) => true,
+            gate if !self.cell.subject().is_measured_by(gate, software) => true,
             Gate::Exact => comparison.has_exact(&self.cell),
             Gate::Instructions => self.instructions.is_some(),
             Gate::Time => self.time.is_some(),
@@ -260,7 +260,7 @@ fn verdict(cell: &JudgedCell, measured: bool) -> CellVerdict {
     }
 }
 
-fn state(comparison: &StoredComparison, gate: Gate, time: &TimeGate) -> GateState {
+fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
     let settings = &comparison.header.settings;
     if !settings.gates.contains(&gate) {
         let skip = comparison.header.skipped.iter().find(|skip| skip.gate == gate);
@@ -277,12 +277,12 @@ fn state(comparison: &StoredComparison, gate: Gate, time: &TimeGate) -> GateStat
         let reason = fault.map_or("nothing was measured", |fault| &fault.reason);
         return GateState::Void(reason.to_owned());
     }
-    let void = || time.void(settings.alpha).or_else(|| uncontrolled(comparison, time));
+    let void = || time.void_reason(settings.alpha).or_else(|| uncontrolled(comparison, time));
     (gate == Gate::Time).then(void).flatten().map_or(GateState::Ran, GateState::Void)
 }
 
 /// Why the pairs of the time gate have no control that covers them, if so.
-fn uncontrolled(comparison: &StoredComparison, time: &TimeGate) -> Option<String> {
+fn uncontrolled(comparison: &Comparison, time: &TimeGate) -> Option<String> {
     let measurements = 1 + usize::from(comparison.launches_of(true) > 0);
     let mut faults = comparison.faults.iter();
     if let Some(lost) = faults.find(|fault| fault.control && !overcome(comparison, fault)) {
@@ -292,7 +292,7 @@ fn uncontrolled(comparison: &StoredComparison, time: &TimeGate) -> Option<String
 }
 
 /// What failed was measured after all: by another launch, or when the comparison was resumed.
-fn overcome(comparison: &StoredComparison, fault: &Fault) -> bool {
+fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
     let cell = |own: &CellId| fault.cell.as_ref() == Some(own);
     let is_of = |side: Side, own: &CellId| fault.side == Some(side) && cell(own);
     match fault.gate {
@@ -307,7 +307,7 @@ fn overcome(comparison: &StoredComparison, fault: &Fault) -> bool {
         Gate::Time if fault.cell.is_none() => {
             let wanted = comparison.header.settings.launches as usize;
             let second = comparison.launches_of(true) >= wanted;
-            time::first_is_whole(comparison) && (second || time::open(comparison).is_empty())
+            time::is_first_complete(comparison) && (second || time::open(comparison).is_empty())
         }
         // A cell or control that failed is left out of all later launches, unless it is tried again.
         Gate::Time => comparison.pairs.iter().any(|pair| {

@@ -5,12 +5,12 @@ use std::rc::Rc;
 
 use super::occlusion::signed_color;
 use super::settings::Animation;
-use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
+use super::{ErrorPicture, Errors, Judge, JudgeError, ReferenceCache};
 use fathom_base::statistics::median;
 use fathom_gpu::Pixels;
 use fathom_record::{ErrorSpan, PictureScale};
+use fathom_reference::cache::AnswerKey;
 use fathom_reference::image::Image;
-use fathom_reference::kept::Content;
 use fathom_reference::photon_map::{Lighting, PhotonMap};
 use fathom_reference::rays::PixelRays;
 use fathom_scene::{Object, Optics};
@@ -21,7 +21,7 @@ use image::{Rgb, RgbImage};
 pub const IMAGE_ERROR: &str = "caustics_image_error";
 
 /// Blocks of pixels that are compared at most: more pixels are compared in larger blocks, so that the map costs the same.
-const MOST_BLOCKS: u64 = 32_768;
+const MAX_BLOCKS: u64 = 32_768;
 /// Photons of each half of the map for each block: in scene port the map's own error is then 6 % of its mean.
 const PHOTONS_PER_BLOCK: f64 = 40.0;
 /// Error in units of the mean irradiance that a picture shows in full colour.
@@ -32,12 +32,11 @@ const PICTURE_WIDTH: u32 = 600;
 /// Irradiance that is shown at 63 %, over the mean: a third to a half of a picture of water is dark.
 const PICTURE_BRIGHT: f64 = 3.0;
 
-/// Maps that several cells share.
 #[derive(Default)]
-pub struct KnownMaps(HashMap<String, Rc<PhotonMap>>);
+pub struct PhotonMapCache(HashMap<String, Rc<PhotonMap>>);
 
 /// Irradiance of what the pixels of a picture show, W/m², as a frame has left it.
-pub struct FoundCaustics {
+pub struct FrameCaustics {
     pub irradiance: Image,
     /// The stage that left it.
     pub stage: &'static str,
@@ -51,8 +50,8 @@ pub fn channel(pixels: &Pixels, channel: usize) -> Image {
 }
 
 /// Irradiance that was found and that of the photon map, over the same blocks of pixels.
-pub struct Compared {
-    pub found: Image,
+pub struct CausticsPair {
+    pub measured: Image,
     pub exact: Image,
     /// Distance from the viewer to what each block shows, metres; infinite where that is nothing.
     distance_m: Image,
@@ -61,13 +60,13 @@ pub struct Compared {
     noise: f64,
 }
 
-impl Compared {
+impl CausticsPair {
     /// # Errors
     /// A scene that the reference does not know: one with mirrors or glass.
     pub fn new(
         judge: &mut Judge<'_>,
         view: &View,
-        found: &FoundCaustics,
+        found: &FrameCaustics,
     ) -> Result<Self, JudgeError> {
         let passes_on = |object: &&Object| object.material.optics != Optics::Diffuse;
         if let Some(object) = judge.scene.objects.iter().find(passes_on) {
@@ -77,7 +76,7 @@ impl Compared {
         let block_px = block_px(size);
         let map = map(judge, view, size, block_px)?;
         Ok(Self {
-            found: found.irradiance.in_blocks(block_px),
+            measured: found.irradiance.downsample(block_px),
             exact: map.irradiance(),
             distance_m: distances_m(judge, view, size, block_px),
             stage: found.stage,
@@ -90,8 +89,8 @@ impl Compared {
     /// difference over the mean of I_ref. Beside them `caustics_image_level`, Σ I / Σ I_ref, `…_level_near` and `…_level_far`, the same of
     /// the nearer and of the farther half of what is seen, `caustics_reference_noise`, the first error of the map itself, and
     /// `caustics_image_block_px`, the side of the blocks of pixels that were compared.
-    pub fn judged(&self) -> Judged {
-        let pairs = || self.found.data().iter().zip(self.exact.data());
+    pub fn errors(&self) -> Errors {
+        let pairs = || self.measured.data().iter().zip(self.exact.data());
         let count = self.exact.data().len() as f64;
         let sum = self.exact.sum();
         let absolute: f64 = pairs().map(|(found, exact)| (found - exact).abs()).sum();
@@ -102,13 +101,13 @@ impl Compared {
         ];
         let [near, far] = self.levels_near_and_far();
         let quantities = [
-            ("caustics_image_level", self.found.sum() / sum),
+            ("caustics_image_level", self.measured.sum() / sum),
             ("caustics_image_level_near", near),
             ("caustics_image_level_far", far),
             ("caustics_reference_noise", self.noise),
             ("caustics_image_block_px", f64::from(self.block_px)),
         ];
-        Judged::of(self.stage, errors, quantities)
+        Errors::new(self.stage, errors, quantities)
     }
 
     /// Σ I / Σ I_ref over the blocks nearer than the median of those that show something, and over the others.
@@ -122,14 +121,14 @@ impl Compared {
                 let of_half = blocks.filter(|(_, d)| d.is_finite() && (**d < middle_m) == near);
                 of_half.map(|(value, _)| value).sum()
             };
-            sum(&self.found) / sum(&self.exact)
+            sum(&self.measured) / sum(&self.exact)
         })
     }
 
     /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
     /// view are toned alike. Not made for a display's gamma: lines of light keep their contrast.
     pub fn picture(&self, exact: bool) -> RgbImage {
-        let shown = if exact { &self.exact } else { &self.found };
+        let shown = if exact { &self.exact } else { &self.measured };
         let bright = PICTURE_BRIGHT * self.exact.mean();
         let side = PICTURE_WIDTH.div_ceil(shown.width());
         let [width, height] = shown.size().map(|pixels| pixels * side);
@@ -143,9 +142,9 @@ impl Compared {
     /// The signed error: red where too bright, blue where too dark, in full colour from ± the mean irradiance on.
     pub fn error_picture(&self) -> ErrorPicture {
         let mean = self.exact.mean();
-        let errors = Image::of(self.exact.size(), |x, y| {
+        let errors = Image::from_fn(self.exact.size(), |x, y| {
             let at = |image: &Image| image.clamped(x.into(), y.into());
-            (at(&self.found) - at(&self.exact)) / mean
+            (at(&self.measured) - at(&self.exact)) / mean
         });
         let [width, height] = errors.size().map(|side| side * self.block_px);
         let color = |x: u32, y: u32| {
@@ -161,18 +160,18 @@ impl Compared {
 /// Side of the blocks that a picture is compared in.
 fn block_px([width, height]: [u32; 2]) -> u32 {
     let fits = |side: &u32| {
-        u64::from(width.div_ceil(*side)) * u64::from(height.div_ceil(*side)) <= MOST_BLOCKS
+        u64::from(width.div_ceil(*side)) * u64::from(height.div_ceil(*side)) <= MAX_BLOCKS
     };
     (1..).find(fits).unwrap_or(1)
 }
 
 /// Distances from the viewer along the rays through the blocks' middles.
 fn distances_m(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Image {
-    let tracer = judge.known.occlusion.tracer(judge.scene, &Animation::default());
+    let tracer = judge.references.occlusion.tracer(judge.scene, &Animation::default());
     let [width, height] = size;
     let matrix = view.camera.view_projection(view.aspect());
     let rays = PixelRays::of_matrix(matrix, width, height);
-    Image::of(size.map(|side| side.div_ceil(block_px)), |x, y| {
+    Image::from_fn(size.map(|side| side.div_ceil(block_px)), |x, y| {
         let middle = |block: u32| (f64::from(block) + 0.5) * f64::from(block_px);
         let (origin, direction, length_m) = rays.ray_at(middle(x), middle(y));
         let hit = tracer.cast(origin, direction, 0.0, length_m);
@@ -191,7 +190,7 @@ fn map(
     let columns = (blocks * PHOTONS_PER_BLOCK).sqrt().ceil() as u32;
     // Photons of the whole frustum: those that the grid leaves out must be missed.
     let frame = view.light.frame(&view.camera, view.aspect(), &view.bounds, &view.water);
-    let Known { kept, occlusion, maps } = &mut *judge.known;
+    let ReferenceCache { answers: kept, occlusion, maps } = &mut *judge.references;
     let asked = format!(
         "{frame:?} {:?} {:?} {:?} {} {size:?} {block_px} {columns}",
         view.light,
@@ -200,7 +199,7 @@ fn map(
         view.aspect()
     );
     let scene = occlusion.digest(judge.scene);
-    let content = Content::of("photon map").with(scene.as_bytes()).with(asked.as_bytes());
+    let content = AnswerKey::new("photon map").with(scene.as_bytes()).with(asked.as_bytes());
     let key = content.clone().digest();
     if let Some(map) = maps.0.get(&key) {
         return Ok(Rc::clone(map));
@@ -213,7 +212,7 @@ fn map(
         camera: &view.camera,
         aspect: view.aspect(),
     };
-    let gather = || PhotonMap::new(&lighting, size, columns).in_blocks(block_px);
+    let gather = || PhotonMap::new(&lighting, size, columns).downsample(block_px);
     let map = Rc::new(kept.answer(content, gather));
     maps.0.insert(key, Rc::clone(&map));
     Ok(map)
@@ -223,17 +222,18 @@ fn map(
 mod tests {
     use super::*;
 
-    fn compared(found: [f64; 4]) -> Judged {
+    fn compared(found: [f64; 4]) -> Errors {
         let image = |data: [f64; 4]| Image::from_data([2, 2], data.into());
         let exact = image([1.0, 3.0, 0.0, 4.0]);
         let distance_m = image([2.0, 1.0, f64::INFINITY, 3.0]);
         let found = image(found);
-        Compared { found, exact, distance_m, stage: "a/b", block_px: 1, noise: 0.01 }.judged()
+        CausticsPair { measured: found, exact, distance_m, stage: "a/b", block_px: 1, noise: 0.01 }
+            .errors()
     }
 
     #[test]
     fn errors_are_relative_to_the_exact_irradiance() {
-        let figures = |judged: &Judged| judged.errors.iter().map(|e| e.value).collect::<Vec<_>>();
+        let figures = |judged: &Errors| judged.errors.iter().map(|e| e.value).collect::<Vec<_>>();
         assert_eq!(figures(&compared([1.0, 3.0, 0.0, 4.0])), [0.0, 0.0]);
         let bright = compared([1.5, 4.5, 0.0, 6.0]);
         assert_eq!((figures(&bright)[0], bright.quantities["caustics_image_level"]), (0.5, 1.5));

@@ -5,9 +5,9 @@ mod parameters;
 
 use std::collections::BTreeMap;
 
-use super::lighting::{Composed, Seen};
-use super::occlusion::{Model, OcclusionBuffers};
-use super::{Drawing, Pipeline, named, settings};
+use super::lighting::{LitImage, VisibleScene};
+use super::occlusion::{OcclusionBuffers, RayModel};
+use super::{Pipeline, PipelineInstance, settings, to_map};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::bilateral;
@@ -19,8 +19,8 @@ pub use parameters::{Horizon, Params};
 
 /// Horizon-split ambient occlusion over the depth buffer, lit and composed.
 pub struct Hsao {
-    seen: Seen,
-    composed: Composed,
+    seen: VisibleScene,
+    composed: LitImage,
     uniforms: HorizonUniforms,
     hard: bool,
     buffers: OcclusionBuffers,
@@ -35,37 +35,37 @@ impl Pipeline for Hsao {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let view = settings::dry(view, params.animation.bounds(scene));
+        let view = settings::without_water(view, params.animation.bounds(scene));
         let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);
         if let Some(deform) = settings::deform(resources, &geometry, scene, &params.animation)? {
             resources.push(deform);
         }
-        let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;
+        let seen = VisibleScene::draw(resources, (view, shared), &geometry, &params.shadow)?;
         let r_max_m = settings::r_max_m(scene, params.hsao.r_max_m, params.hsao.r_max_share);
         let uniforms = params.hsao.uniforms(params.buffer_px(), r_max_m);
         let hard = params.hsao.attenuation == settings::Attenuation::Hard;
-        let of_buffer = resources.sized_by("view × hsao.scale");
+        let of_buffer = resources.with_size_hint("view × hsao.scale");
         let textures = &seen.gbuffer;
         let march = march::new(&of_buffer, &seen.shared, textures, &uniforms, hard)?;
         let march = of_buffer.push(march);
         let filter = params.hsao.filter.then_some((&bilateral::HSAO, &params.filter));
         let composed =
-            Composed::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
+            LitImage::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (march::INFO.name, march.clone()),
             filtered: composed.filtered.clone(),
             camera: params.camera.clone(),
             r_max_m,
-            model: Model::First(params.hsao.attenuation),
+            model: RayModel::First(params.hsao.attenuation),
             animation: params.animation.clone(),
         };
         Ok(Self { seen, composed, uniforms, hard, buffers })
     }
 }
 
-impl Drawing for Hsao {
+impl PipelineInstance for Hsao {
     fn image(&self) -> &wgpu::Texture {
         &self.composed.image
     }
@@ -82,7 +82,7 @@ impl Drawing for Hsao {
         let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
         let covered = counts.fragments as f64;
         let most = self.uniforms.samples_per_pixel() as f64;
-        Ok(named([
+        Ok(to_map([
             ("samples_per_pixel_most", most),
             ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
             ("covered_share", covered / pixels),

@@ -5,22 +5,21 @@ use super::settings::{Compose, Filter, Shadow, VIEWPORT};
 use fathom_gpu::{GpuError, StageInfo};
 use fathom_scene::Scene;
 use fathom_stages::bilateral;
-use fathom_stages::gbuffer::GbufferTextures;
+use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::picture::Picture;
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{ao, scene, shadow};
 
-/// The stages before the occlusion buffer.
-pub struct Seen {
+pub struct VisibleScene {
     view: View,
     pub shared: Shared,
     shadow: wgpu::Texture,
-    pub gbuffer: GbufferTextures,
+    pub gbuffer: GBuffer,
 }
 
-impl Seen {
+impl VisibleScene {
     /// The geometry from the light and from the camera.
     ///
     /// # Errors
@@ -31,10 +30,10 @@ impl Seen {
         geometry: &Geometry,
         shadow: &Shadow,
     ) -> Result<Self, GpuError> {
-        let of_light = resources.sized_by("shadow.size");
+        let of_light = resources.with_size_hint("shadow.size");
         let depth = shadow::depth::new(&of_light, &shared, geometry, shadow.size)?;
         let shadow = of_light.push(depth);
-        let of_view = resources.sized_by(VIEWPORT);
+        let of_view = resources.with_size_hint(VIEWPORT);
         let size_px = view.size_px.to_array();
         let gbuffer = scene::gbuffer::new(&of_view, &shared, geometry, size_px)?;
         Ok(Self { gbuffer: of_view.push(gbuffer), view, shared, shadow })
@@ -42,7 +41,7 @@ impl Seen {
 }
 
 /// What the stages after the occlusion buffer leave.
-pub struct Composed {
+pub struct LitImage {
     /// The stage that filters, and what it leaves.
     pub filtered: Option<(&'static str, wgpu::Texture)>,
     pub image: wgpu::Texture,
@@ -50,20 +49,20 @@ pub struct Composed {
     pub shows_occlusion: bool,
 }
 
-impl Composed {
+impl LitImage {
     /// Filters `visibility` by the stage of `filter`, if there is one, and lights the picture.
     ///
     /// # Errors
     /// What the GPU reports.
     pub fn new(
         resources: &Resources<'_>,
-        seen: &Seen,
+        seen: &VisibleScene,
         (scene, geometry): (&Scene, &Geometry),
         visibility: &wgpu::Texture,
         filter: Option<(&'static StageInfo, &Filter)>,
         compose: &Compose,
     ) -> Result<Self, GpuError> {
-        let resources = &resources.sized_by(VIEWPORT);
+        let resources = &resources.with_size_hint(VIEWPORT);
         let gbuffer = &seen.gbuffer;
         let filtered = |(info, settings): (&'static StageInfo, &Filter)| {
             let settings = settings.uniforms(&seen.view, kit::size_px(visibility));
@@ -72,7 +71,7 @@ impl Composed {
             Ok::<_, GpuError>((info.name, resources.push(made)))
         };
         let filtered = filter.map(filtered).transpose()?;
-        let lit = ao::compose::Lit {
+        let lit = ao::compose::LitInputs {
             picture: Picture::new(gbuffer, compose.exposure, compose.ambient),
             visibility: filtered.as_ref().map_or(visibility, |(_, texture)| texture),
             shadow: &seen.shadow,

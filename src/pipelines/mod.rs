@@ -29,44 +29,44 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use thiserror::Error;
 
-use caustics_image::{Compared, IMAGE_ERROR};
-use fathom_base::parameter::{self, Field, ParamError, Setting};
+use caustics_image::{CausticsPair, IMAGE_ERROR};
+use fathom_base::parameter::{self, ParamError, ParamField, Setting};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use fathom_record::{ErrorFigure, PictureScale, Work};
-use fathom_reference::kept::KeptAnswers;
+use fathom_reference::cache::AnswerCache;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
-use fathom_stages::geometry::Part;
-use fathom_stages::kit::{Parts, Resources};
+use fathom_stages::geometry::Objects;
+use fathom_stages::kit::{PipelineParts, Resources};
 use fathom_stages::uniforms::View;
 use image::RgbImage;
 use occlusion::OcclusionBuffers;
-use settings::Cells;
+use settings::VolumeCells;
 
-/// A pipeline's parameters. Those that [`Staging`] names shape the scene.
+/// A pipeline's parameters. Those that [`SceneParams`] names shape the scene.
 pub trait Parameters:
     Setting + Serialize + DeserializeOwned + for<'f> From<&'f SceneFile> + 'static
 {
     /// Dotted path of what random numbers are drawn by, where there is such a setting.
     const SEED: Option<&'static str> = None;
 
-    /// Checks parameters that depend on each other; each is within its range, and those of [`Staging`] are consistent.
+    /// Checks parameters that depend on each other; each is within its range, and those of [`SceneParams`] are consistent.
     ///
     /// # Errors
     /// One line that names those at fault.
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         Ok(())
     }
 
     /// For a picture with `factor` times as many columns and rows, which is then scaled down. Buffers that hold an effect keep their
     /// size, so that only edges and textures change. None where a pipeline has no such picture.
-    fn enlarged(&self, _factor: u32) -> Option<Self> {
+    fn upscaled(&self, _factor: u32) -> Option<Self> {
         None
     }
 }
 
 /// The parameters that shape the scene: those at the top of a pipeline's tree that bear these names.
 #[derive(Deserialize)]
-pub struct Staging {
+pub struct SceneParams {
     /// What the frame is seen from. Every pipeline has it.
     pub camera: Camera,
     pub light: Option<Light>,
@@ -75,10 +75,10 @@ pub struct Staging {
     /// Only the first objects of the scene file; 0: all.
     #[serde(default)]
     pub objects: usize,
-    pub volume: Option<Cells>,
+    pub volume: Option<VolumeCells>,
 }
 
-impl Staging {
+impl SceneParams {
     fn validate(&self) -> Result<(), String> {
         self.camera.validate()?;
         self.light.as_ref().map_or(Ok(()), Light::validate)?;
@@ -90,11 +90,11 @@ impl Staging {
 ///
 /// # Errors
 /// Parameters that the scene cannot take.
-pub fn staged(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile, ParamError> {
-    let Staging { camera, light, water, floor_depth_m, objects, volume } =
+pub fn apply(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile, ParamError> {
+    let SceneParams { camera, light, water, floor_depth_m, objects, volume } =
         typed(&parameter::tree(parameters))?;
     let volume = match (volume, &file.volume) {
-        (Some(cells), Some(volume)) => Some(cells.put_into(volume)?),
+        (Some(cells), Some(volume)) => Some(cells.apply_to(volume)?),
         _ => file.volume.clone(),
     };
     let kept = if objects == 0 { file.objects.len() } else { objects };
@@ -110,7 +110,7 @@ pub fn staged(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile
 }
 
 /// What makes a pipeline: its parameters and its stages.
-pub trait Pipeline: Drawing + Sized + 'static {
+pub trait Pipeline: PipelineInstance + Sized + 'static {
     const NAME: &'static str;
     const ABOUT: &'static str;
     type Params: Parameters;
@@ -127,7 +127,7 @@ pub trait Pipeline: Drawing + Sized + 'static {
 }
 
 /// A pipeline that was made: what it draws, and what is known of its last frame.
-pub trait Drawing {
+pub trait PipelineInstance {
     /// The final image, `Rgba8Unorm`.
     fn image(&self) -> &wgpu::Texture;
 
@@ -161,15 +161,15 @@ pub trait Drawing {
     ///
     /// # Errors
     /// What the GPU reports, and a scene that the reference does not know.
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.occlusion().map_or_else(|| Ok(Judged::default()), |buffers| buffers.judge(judge))
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
+        self.occlusion().map_or_else(|| Ok(Errors::default()), |buffers| buffers.judge(judge))
     }
 
     /// Caustics of the last frame beside those of a photon map; none where there are no caustics.
     ///
     /// # Errors
     /// As [`Self::judge`].
-    fn caustics(&self, _judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
+    fn caustics(&self, _judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
         Ok(None)
     }
 }
@@ -177,18 +177,18 @@ pub trait Drawing {
 /// A picture of errors, and what its colours mean.
 pub type ErrorPicture = (RgbImage, PictureScale);
 
-/// What [`Drawing::judge`] works with: the device, the scene, and earlier answers of the references.
+/// What [`PipelineInstance::judge`] works with: the device, the scene, and earlier answers of the references.
 pub struct Judge<'a> {
     pub gpu: &'a Gpu,
     pub scene: &'a Rc<Scene>,
-    pub known: &'a mut Known,
+    pub references: &'a mut ReferenceCache,
     /// Errors that take seconds are computed where they are asked for by name.
-    pub asked: &'a [String],
+    pub requested: &'a [String],
 }
 
 impl Judge<'_> {
-    pub fn asks_for(&self, error: &str) -> bool {
-        self.asked.iter().any(|asked| asked == error)
+    pub fn wants_error(&self, error: &str) -> bool {
+        self.requested.iter().any(|asked| asked == error)
     }
 }
 
@@ -200,28 +200,26 @@ fn judged_view(drawn: &View, scene: &Scene) -> View {
     View { camera, light, water, bounds: *bounds, ..drawn.clone() }
 }
 
-/// What judging a frame found.
 #[derive(Default)]
-pub struct Judged {
+pub struct Errors {
     pub errors: Vec<ErrorFigure>,
     /// Figures beside the errors, such as means of what was compared.
     pub quantities: BTreeMap<String, f64>,
 }
 
-impl Judged {
+impl Errors {
     /// Errors of a stage, each with its unit, and figures beside them.
-    pub fn of<'n>(
+    pub fn new<'n>(
         stage: &str,
         errors: impl IntoIterator<Item = (&'n str, f64, &'n str)>,
         quantities: impl IntoIterator<Item = (&'n str, f64)>,
     ) -> Self {
         let error = |(name, value, unit)| ErrorFigure::new(name, value, unit, stage);
-        Self { errors: errors.into_iter().map(error).collect(), quantities: named(quantities) }
+        Self { errors: errors.into_iter().map(error).collect(), quantities: to_map(quantities) }
     }
 }
 
-/// Figures by their names.
-fn named<'n>(figures: impl IntoIterator<Item = (&'n str, f64)>) -> BTreeMap<String, f64> {
+fn to_map<'n>(figures: impl IntoIterator<Item = (&'n str, f64)>) -> BTreeMap<String, f64> {
     figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
@@ -237,7 +235,7 @@ fn even_step(count: usize, most: usize) -> usize {
 }
 
 /// The exact answers for an even selection of so many photons or pixels, each with its number; none where there is no answer.
-fn exact_of<T: Send>(
+fn exact_answers<T: Send>(
     count: usize,
     most: usize,
     exact: impl Fn(usize) -> Option<T> + Sync,
@@ -247,24 +245,23 @@ fn exact_of<T: Send>(
 }
 
 /// The scene's objects that are of a part of it.
-fn objects_of(scene: &Scene, part: Part) -> Vec<Object> {
+fn objects_of(scene: &Scene, part: Objects) -> Vec<Object> {
     scene.objects.iter().filter(|object| part.holds(&object.material)).cloned().collect()
 }
 
-/// Answers of the references that several cells share.
 #[derive(Default)]
-pub struct Known {
+pub struct ReferenceCache {
     /// Those of earlier runs.
-    pub kept: KeptAnswers,
-    pub occlusion: occlusion::KnownPoints,
-    pub maps: caustics_image::KnownMaps,
+    pub answers: AnswerCache,
+    pub occlusion: occlusion::OcclusionCache,
+    pub maps: caustics_image::PhotonMapCache,
 }
 
-impl Known {
+impl ReferenceCache {
     /// With the folder of answers that lies beside the assets that were fetched.
-    pub fn of_earlier_runs() -> Self {
+    pub fn load() -> Self {
         let folder = assets::cache().map(|cache| cache.join("references"));
-        Self { kept: KeptAnswers { folder }, ..Self::default() }
+        Self { answers: AnswerCache { folder }, ..Self::default() }
     }
 }
 
@@ -284,16 +281,16 @@ pub enum JudgeError {
 }
 
 /// A pipeline that was made for a scene, and what it runs.
-pub struct Built<P: ?Sized> {
+pub struct BuiltPipeline<P: ?Sized> {
     name: &'static str,
-    parts: Parts,
+    parts: PipelineParts,
     pub pipeline: P,
 }
 
 /// A built pipeline of any kind.
-pub type AnyPipeline = Built<dyn Drawing>;
+pub type AnyPipeline = BuiltPipeline<dyn PipelineInstance>;
 
-impl<P: Pipeline> Built<P> {
+impl<P: Pipeline> BuiltPipeline<P> {
     /// Makes the pipeline; what it runs once has run on return.
     ///
     /// # Errors
@@ -307,45 +304,44 @@ impl<P: Pipeline> Built<P> {
     }
 }
 
-impl<P: Drawing + ?Sized> Built<P> {
+impl<P: PipelineInstance + ?Sized> BuiltPipeline<P> {
     /// In frame order.
     pub fn stages(&self) -> Vec<&Stage> {
         self.parts.stages.iter().map(AsRef::as_ref).collect()
     }
 
-    /// GPU memory that the pipeline's resources take.
     pub fn allocated_bytes(&self) -> u64 {
-        self.parts.demand.held_bytes()
+        self.parts.demand.allocated_bytes()
     }
 
-    /// See [`Drawing::judge`]; with those against a photon map where they are asked for.
+    /// See [`PipelineInstance::judge`]; with those against a photon map where they are asked for.
     ///
     /// # Errors
     /// As there.
-    pub fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+    pub fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let mut judged = self.pipeline.judge(judge)?;
-        if judge.asks_for(IMAGE_ERROR)
+        if judge.wants_error(IMAGE_ERROR)
             && let Some(compared) = self.pipeline.caustics(judge)?
         {
-            let of_image = compared.judged();
+            let of_image = compared.errors();
             judged.errors.extend(of_image.errors);
             judged.quantities.extend(of_image.quantities);
         }
         Ok(judged)
     }
 
-    /// See [`Drawing::caustics`].
+    /// See [`PipelineInstance::caustics`].
     ///
     /// # Errors
     /// As there, and pipelines without caustics.
-    pub fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+    pub fn caustics(&self, judge: &mut Judge<'_>) -> Result<CausticsPair, JudgeError> {
         self.pipeline.caustics(judge)?.ok_or(JudgeError::NoCaustics(self.name))
     }
 
     /// A picture of the error of ambient occlusion or of caustics, point by point, and what its colours mean.
     ///
     /// # Errors
-    /// As [`Drawing::judge`], and pipelines with neither.
+    /// As [`PipelineInstance::judge`], and pipelines with neither.
     pub fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
         if let Some(buffers) = self.occlusion() {
             return buffers.error_picture(judge);
@@ -355,7 +351,7 @@ impl<P: Drawing + ?Sized> Built<P> {
     }
 }
 
-impl<P: ?Sized> Deref for Built<P> {
+impl<P: ?Sized> Deref for BuiltPipeline<P> {
     type Target = P;
 
     fn deref(&self) -> &P {
@@ -363,8 +359,7 @@ impl<P: ?Sized> Deref for Built<P> {
     }
 }
 
-/// What a pipeline would consist of.
-pub struct Plan {
+pub struct PipelinePlan {
     /// What building it and reading its picture back needs of an adapter.
     pub demand: Demand,
     /// The stages of a frame, in order.
@@ -374,17 +369,17 @@ pub struct Plan {
 /// Bytes that the host takes for a pixel of a picture: as it is read back, as four floats, and as it is written.
 const PICTURE_BYTES: u64 = 4 + 16 + 4;
 
-fn plan<P: Pipeline>(tree: &Value, scene: &Scene) -> Result<Plan, GpuError> {
+fn plan<P: Pipeline>(tree: &Value, scene: &Scene) -> Result<PipelinePlan, GpuError> {
     let (planner, params) = (Gpu::planner()?, typed(tree)?);
-    planner.scoped(|| {
+    planner.catch(|| {
         let resources = Resources::new(planner);
         let pipeline = P::new(&resources, scene, &params)?;
         let pixels = fathom_stages::kit::pixels(pipeline.image());
-        let picture = resources.sized_by(settings::VIEWPORT);
+        let picture = resources.with_size_hint(settings::VIEWPORT);
         picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
         let parts = resources.into_parts();
         let stages = parts.stages.iter().map(|stage| stage.info).collect();
-        Ok(Plan { demand: parts.demand, stages })
+        Ok(PipelinePlan { demand: parts.demand, stages })
     })
 }
 
@@ -396,20 +391,20 @@ pub struct PipelineKind {
     /// The whole tree of parameters with the values that the scene file gives.
     pub defaults: fn(&SceneFile) -> Value,
     /// Every parameter, with range, unit and description.
-    pub fields: fn() -> Vec<Field>,
+    pub fields: fn() -> Vec<ParamField>,
     /// Checks a tree of parameters: it comes back as it is recorded.
     pub checked: fn(&Value) -> Result<Value, ParamError>,
     /// What it would consist of and need, before anything is allocated; an error for a scene or settings for which it cannot be built.
-    pub plan: fn(&Value, &Scene) -> Result<Plan, GpuError>,
+    pub plan: fn(&Value, &Scene) -> Result<PipelinePlan, GpuError>,
     pub build: fn(&Value, &Gpu, &Scene) -> Result<Box<AnyPipeline>, GpuError>,
-    /// See [`Parameters::enlarged`].
+    /// See [`Parameters::upscaled`].
     pub enlarged: fn(&Value, u32) -> Option<Value>,
     /// See [`Parameters::SEED`].
     pub seed: Option<&'static str>,
 }
 
 impl PipelineKind {
-    pub const fn of<P: Pipeline>() -> Self {
+    pub const fn new<P: Pipeline>() -> Self {
         Self {
             name: P::NAME,
             about: P::ABOUT,
@@ -417,9 +412,11 @@ impl PipelineKind {
             fields: parameter::fields::<P::Params>,
             checked: |tree| Ok(parameter::tree(&read::<P::Params>(tree)?)),
             plan: plan::<P>,
-            build: |tree, gpu, scene| Ok(Box::new(Built::<P>::new(gpu, scene, &typed(tree)?)?)),
+            build: |tree, gpu, scene| {
+                Ok(Box::new(BuiltPipeline::<P>::new(gpu, scene, &typed(tree)?)?))
+            },
             enlarged: |tree, factor| {
-                Some(parameter::tree(&typed::<P::Params>(tree).ok()?.enlarged(factor)?))
+                Some(parameter::tree(&typed::<P::Params>(tree).ok()?.upscaled(factor)?))
             },
             seed: P::Params::SEED,
         }
@@ -432,8 +429,8 @@ impl PipelineKind {
 /// One line that names the parameter at fault.
 pub fn read<T: Parameters>(tree: &Value) -> Result<T, ParamError> {
     let params: T = parameter::read(tree)?;
-    typed::<Staging>(&parameter::tree(&params))?.validate()?;
-    params.consistent()?;
+    typed::<SceneParams>(&parameter::tree(&params))?.validate()?;
+    params.check_consistent()?;
     Ok(params)
 }
 
@@ -447,15 +444,15 @@ pub fn typed<T: DeserializeOwned>(tree: &Value) -> Result<T, ParamError> {
 
 /// fathom's own pipelines. Adding one adds a line.
 pub const KINDS: &[PipelineKind] = &[
-    PipelineKind::of::<underwater::Underwater>(),
-    PipelineKind::of::<voxelize::Voxelize>(),
-    PipelineKind::of::<volume_ao::VolumeAo>(),
-    PipelineKind::of::<hsao::Hsao>(),
-    PipelineKind::of::<scalar_ao::ScalarAo>(),
-    PipelineKind::of::<photon_tracing::PhotonTracing>(),
-    PipelineKind::of::<shadow_rays::ShadowRays>(),
-    PipelineKind::of::<refraction::ScreenRefraction>(),
-    PipelineKind::of::<planar::Planar>(),
+    PipelineKind::new::<underwater::Underwater>(),
+    PipelineKind::new::<voxelize::Voxelize>(),
+    PipelineKind::new::<volume_ao::VolumeAo>(),
+    PipelineKind::new::<hsao::Hsao>(),
+    PipelineKind::new::<scalar_ao::ScalarAo>(),
+    PipelineKind::new::<photon_tracing::PhotonTracing>(),
+    PipelineKind::new::<shadow_rays::ShadowRays>(),
+    PipelineKind::new::<refraction::ScreenRefraction>(),
+    PipelineKind::new::<planar::Planar>(),
 ];
 
 /// Cells of the volume that replaces one that is too large.

@@ -8,19 +8,19 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation, Deform};
-use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
+use super::{ErrorPicture, Errors, Judge, JudgeError, ReferenceCache};
 use fathom_gpu::{Pixels, read_texture};
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
+use fathom_reference::cache::AnswerKey;
 use fathom_reference::deform::{Moment, Motion};
-use fathom_reference::kept::Content;
 use fathom_reference::occlusion::{self as reference, occlusion, occlusion_through};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, Material, Object, Scene};
-use fathom_stages::gbuffer::GbufferTextures;
+use fathom_stages::gbuffer::GBuffer;
 use image::{Rgb, RgbImage};
 
 /// Points that figures rest on at most: an RMS over so many independent errors is known to 2 %.
-const MOST_POINTS: usize = 1_500;
+const MAX_POINTS: usize = 1_500;
 /// Rays of the reference at each of them: a low-discrepancy set whose own error is below 0.01.
 const RAYS: u32 = 256;
 /// The same for a picture.
@@ -37,7 +37,7 @@ const DEPTH_TOLERANCE: f64 = 2e-3;
 
 /// What a pipeline of ambient occlusion leaves behind in a frame, and what its reference depends on.
 pub struct OcclusionBuffers {
-    pub gbuffer: GbufferTextures,
+    pub gbuffer: GBuffer,
     /// The stage that computes occlusion, and its visibility, 1 − A.
     pub raw: (&'static str, wgpu::Texture),
     /// The stage that filters it and brings it to the viewport's size, and what it leaves.
@@ -45,14 +45,14 @@ pub struct OcclusionBuffers {
     pub camera: Camera,
     /// Distance up to which geometry occludes, metres.
     pub r_max_m: f64,
-    pub model: Model,
+    pub model: RayModel,
     /// Which moment of the geometry's motion is seen.
     pub animation: Animation,
 }
 
 /// What rays make of the surfaces they meet: the reference casts them by the same model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Model {
+pub enum RayModel {
     /// The first surface counts, by its distance. VAO Eq. 1.
     First(Attenuation),
     /// All surfaces within r_max count by their opacities, at any distance. VAO Eq. 3.
@@ -68,14 +68,13 @@ struct JudgedPoint {
     occlusion: f64,
 }
 
-/// Points of a question with the answers of the reference.
-type Answered = Rc<Vec<JudgedPoint>>;
+type JudgedPoints = Rc<Vec<JudgedPoint>>;
 
 /// Answers of the reference, each computed once, and the last scene's hierarchy.
 #[derive(Default)]
-pub struct KnownPoints {
+pub struct OcclusionCache {
     /// By the digest of the question's content.
-    points: HashMap<String, Answered>,
+    points: HashMap<String, JudgedPoints>,
     /// Of the last scene at a moment.
     tracer: Option<(Rc<Scene>, Animation, Rc<Tracer>)>,
     /// Of the last scene's geometry.
@@ -84,7 +83,7 @@ pub struct KnownPoints {
 
 /// What of a cell the reference depends on.
 #[derive(Clone, Debug)]
-struct Question {
+struct OcclusionQuery {
     /// Objects whose surfaces are judged: those that one cannot see through.
     opaque: Vec<bool>,
     /// What the reference's rays take each object's opacity for.
@@ -92,7 +91,7 @@ struct Question {
     camera: Camera,
     size_px: [u32; 2],
     r_max_m: f64,
-    model: Model,
+    model: RayModel,
     animation: Animation,
     /// The occlusion buffer's size; its texels are where occlusion is computed.
     buffer_px: [u32; 2],
@@ -107,8 +106,8 @@ impl OcclusionBuffers {
     /// Errors `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter
     /// where there is one, the means `ao_mean` and `ao_reference_mean`, and the share of points that are falsely occluded. All in units of A, 0 open to 1 closed, over points
     /// of opaque surfaces, against rays that are cast by the same model.
-    pub(super) fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let (question, points) = self.points(judge, MOST_POINTS, RAYS)?;
+    pub(super) fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
+        let (question, points) = self.points(judge, MAX_POINTS, RAYS)?;
         let errors_of = |texture: &wgpu::Texture| -> Result<Vec<f64>, JudgeError> {
             Ok(errors(&question, &points, &read_texture(judge.gpu, texture)?))
         };
@@ -116,14 +115,14 @@ impl OcclusionBuffers {
         let false_positives = errors.iter().filter(|error| **error > FALSE_POSITIVE).count();
         let raw = figures("ao", self.raw.0, &errors);
         let mean = points.iter().map(|point| point.occlusion).sum::<f64>() / points.len() as f64;
-        let mut judged = Judged::default();
+        let mut judged = Errors::default();
         judged.quantities.insert("ao_mean".to_owned(), mean + raw[1].value);
         judged.quantities.insert("ao_reference_mean".to_owned(), mean);
         let rate = false_positives as f64 / points.len() as f64;
         judged.quantities.insert("ao_false_positive_rate".to_owned(), rate);
         if let Some((stage, texture)) = &self.filtered {
             let filtered = figures("ao_filtered", stage, &errors_of(texture)?).into_iter();
-            let with_before = filtered.zip(&raw).map(|(error, raw)| error.after(&raw.name));
+            let with_before = filtered.zip(&raw).map(|(error, raw)| error.with_prefix(&raw.name));
             judged.errors.extend(with_before);
         }
         judged.errors.extend(raw);
@@ -144,11 +143,11 @@ impl OcclusionBuffers {
         judge: &mut Judge<'_>,
         most: usize,
         rays: u32,
-    ) -> Result<(Question, Answered), JudgeError> {
+    ) -> Result<(OcclusionQuery, JudgedPoints), JudgeError> {
         let question = self.question(judge.scene);
         let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
         let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
-        let Known { kept, occlusion: known, .. } = &mut *judge.known;
+        let ReferenceCache { answers, occlusion: known, .. } = &mut *judge.references;
         let content = question.content(known.digest(judge.scene), [&depth, &normal], most, rays);
         let key = content.clone().digest();
         if let Some(points) = known.points.get(&key) {
@@ -156,7 +155,7 @@ impl OcclusionBuffers {
         }
         let tracer = known.tracer(judge.scene, &question.animation);
         let cast = || cast(&question, &tracer, (&depth, &normal), most, rays);
-        let points = Rc::new(kept.answer(content, cast));
+        let points = Rc::new(answers.answer(content, cast));
         if points.is_empty() {
             return Err(JudgeError::Nothing);
         }
@@ -164,14 +163,14 @@ impl OcclusionBuffers {
         Ok((question, points))
     }
 
-    fn question(&self, scene: &Scene) -> Question {
+    fn question(&self, scene: &Scene) -> OcclusionQuery {
         let (raw, depth) = (&self.raw.1, &self.gbuffer.depth);
         let materials = || scene.objects.iter().map(|object| &object.material);
         let alpha = |material: &Material| match self.model {
-            Model::Through => f64::from(material.alpha),
-            Model::First(_) | Model::ThroughOpaque => 1.0,
+            RayModel::Through => f64::from(material.alpha),
+            RayModel::First(_) | RayModel::ThroughOpaque => 1.0,
         };
-        Question {
+        OcclusionQuery {
             opaque: materials().map(Material::is_opaque).collect(),
             alphas: materials().map(alpha).collect(),
             camera: self.camera.clone(),
@@ -184,7 +183,7 @@ impl OcclusionBuffers {
     }
 }
 
-impl KnownPoints {
+impl OcclusionCache {
     pub(super) fn digest(&mut self, scene: &Rc<Scene>) -> String {
         if let Some((known, digest)) = &self.digest
             && Rc::ptr_eq(known, scene)
@@ -205,7 +204,7 @@ impl KnownPoints {
         }
         let tracer = Rc::new(match motion_of(animation) {
             Some(motion) => {
-                let moved = |object| moved(object, motion, animation);
+                let moved = |object| move_object(object, motion, animation);
                 Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())
             }
             None => Tracer::new(&scene.objects),
@@ -216,23 +215,23 @@ impl KnownPoints {
 }
 
 /// The attenuation as the reference has it.
-pub fn exact(attenuation: Attenuation) -> reference::Attenuation {
+pub fn exact(attenuation: Attenuation) -> reference::Obscurity {
     match attenuation {
-        Attenuation::Hard => reference::Attenuation::Hard,
-        Attenuation::Linear => reference::Attenuation::Linear,
+        Attenuation::Hard => reference::Obscurity::Hard,
+        Attenuation::Linear => reference::Obscurity::Linear,
     }
 }
 
 /// Of every triangle of a scene.
 fn digest(scene: &Scene) -> String {
-    let of_object = |content: Content, object: &Object| {
+    let of_object = |content: AnswerKey, object: &Object| {
         let mesh = &object.mesh;
         content
             .with(bytemuck::cast_slice(&mesh.positions))
             .with(bytemuck::cast_slice(&mesh.normals))
             .with(bytemuck::cast_slice(&mesh.indices))
     };
-    scene.objects.iter().fold(Content::of("scene"), of_object).digest()
+    scene.objects.iter().fold(AnswerKey::new("scene"), of_object).digest()
 }
 
 fn motion_of(animation: &Animation) -> Option<Motion> {
@@ -245,8 +244,8 @@ fn motion_of(animation: &Animation) -> Option<Motion> {
 }
 
 /// The object at a moment, by the f64 twin of `scene/deform`. Its normals stay as they were: rays need none.
-fn moved(object: &Object, motion: Motion, animation: &Animation) -> Object {
-    let moment = Moment::of(&object.mesh, motion, animation.cycles(), animation.amplitude);
+fn move_object(object: &Object, motion: Motion, animation: &Animation) -> Object {
+    let moment = Moment::new(&object.mesh, motion, animation.cycles(), animation.amplitude);
     let mut moved = object.clone();
     let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
     for (position, normal) in moved.mesh.positions.iter_mut().zip(&object.mesh.normals) {
@@ -256,11 +255,11 @@ fn moved(object: &Object, motion: Motion, animation: &Animation) -> Object {
     moved
 }
 
-impl Question {
+impl OcclusionQuery {
     /// All that the answer follows from: the question, the geometry, and what the G-buffer holds.
-    fn content(&self, scene: String, gbuffer: [&Pixels; 2], most: usize, rays: u32) -> Content {
+    fn content(&self, scene: String, gbuffer: [&Pixels; 2], most: usize, rays: u32) -> AnswerKey {
         let asked = format!("{self:?} {most} {rays}");
-        let content = Content::of("occlusion").with(scene.as_bytes()).with(asked.as_bytes());
+        let content = AnswerKey::new("occlusion").with(scene.as_bytes()).with(asked.as_bytes());
         gbuffer.iter().fold(content, |all, one| all.with(bytemuck::cast_slice(&one.data)))
     }
 
@@ -268,15 +267,15 @@ impl Question {
     fn occlusion(&self, tracer: &Tracer, position: DVec3, normal: DVec3, rays: u32) -> f64 {
         let r_max_m = self.r_max_m;
         match self.model {
-            Model::First(by) => occlusion(tracer, position, normal, r_max_m, exact(by), rays),
-            Model::Through | Model::ThroughOpaque => {
+            RayModel::First(by) => occlusion(tracer, position, normal, r_max_m, exact(by), rays),
+            RayModel::Through | RayModel::ThroughOpaque => {
                 occlusion_through(tracer, position, normal, r_max_m, &self.alphas, rays)
             }
         }
     }
 
     /// What a pixel shows: the first opaque surface, as the G-buffer has it.
-    fn seen(&self, camera_rays: &PixelRays, tracer: &Tracer, x: u32, y: u32) -> Option<Hit> {
+    fn first_hit(&self, camera_rays: &PixelRays, tracer: &Tracer, x: u32, y: u32) -> Option<Hit> {
         let (origin, direction, length_m) = camera_rays.ray(x, y);
         let mut from_m = 0.0;
         loop {
@@ -309,7 +308,7 @@ pub(super) fn lattice([width, height]: [u32; 2], step: f64) -> impl Iterator<Ite
 /// Casts the reference at a lattice of the seen points. Positions are where exact rays through the pixels meet the geometry;
 /// normals are those of the G-buffer, which the judged stages use too.
 fn cast(
-    question: &Question,
+    question: &OcclusionQuery,
     tracer: &Tracer,
     (depth, normal): (&Pixels, &Pixels),
     most: usize,
@@ -327,7 +326,7 @@ fn cast(
     let point = |texel: [u32; 2]| {
         let pixel = question.pixel(texel);
         let [x, y] = pixel;
-        let hit = question.seen(&camera_rays, tracer, x, y)?;
+        let hit = question.first_hit(&camera_rays, tracer, x, y)?;
         let (x_px, y_px) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
         let drawn = camera_rays.unproject(x_px, y_px, f64::from(depth.texel(x, y)[0]));
         let distance = hit.position.distance(question.camera.position());
@@ -343,7 +342,7 @@ fn cast(
 }
 
 /// Occlusion of the buffer less that of the reference.
-fn errors(question: &Question, points: &[JudgedPoint], buffer: &Pixels) -> Vec<f64> {
+fn errors(question: &OcclusionQuery, points: &[JudgedPoint], buffer: &Pixels) -> Vec<f64> {
     let extent = [buffer.width, buffer.height];
     let error = |point: &JudgedPoint| {
         let [x, y]: [u32; 2] = std::array::from_fn(|i| {
@@ -377,7 +376,7 @@ pub(super) fn signed_color(share: f64) -> [u8; 3] {
 }
 
 /// Paints each point's error over the pixels that are nearest to it on the lattice.
-fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> RgbImage {
+fn paint(question: &OcclusionQuery, points: &[JudgedPoint], errors: &[f64]) -> RgbImage {
     const NOTHING: Rgb<u8> = Rgb([190; 3]);
     let [width, height] = question.size_px;
     let apart = |axis: usize| {

@@ -9,7 +9,7 @@ use fathom_stages::uniforms::View;
 /// A ray goes on this far behind a surface, so as not to meet it again, metres in scene tank.
 const BEYOND_M: f64 = 1e-6;
 /// Surfaces of a ray that are looked at: it meets few.
-const MOST_SURFACES: usize = 16;
+const MAX_SURFACES: usize = 16;
 
 /// The camera's frustum, and what stands in it and beside it.
 pub struct Frustum<'a> {
@@ -37,17 +37,17 @@ impl<'a> Frustum<'a> {
     pub fn hits_behind(&self, hit: Hit, direction: DVec3) -> impl Iterator<Item = Hit> {
         let next =
             move |hit: &Hit| self.tracer.cast(hit.position, direction, self.beyond_m, f64::MAX);
-        std::iter::successors(next(&hit), next).take(MOST_SURFACES)
+        std::iter::successors(next(&hit), next).take(MAX_SURFACES)
     }
 
     /// Whether a ray ends out of view, and would come into view if nothing stood there.
-    pub fn is_kept_out(&self, hit: &Hit, direction: DVec3) -> bool {
+    pub fn is_hidden_entry(&self, hit: &Hit, direction: DVec3) -> bool {
         !self.holds(hit.position)
             && self.hits_behind(*hit, direction).any(|next| self.holds(next.position))
     }
 
     /// Whether a photon that ends out of view was found in view, behind that.
-    pub fn leaks(&self, found: &Photon, exact: DVec3) -> bool {
+    pub fn is_leak(&self, found: &Photon, exact: DVec3) -> bool {
         let way_m = |end: DVec3| end.distance(found.entry());
         found.has_landed() && self.holds(found.hit()) && way_m(found.hit()) > way_m(exact)
     }

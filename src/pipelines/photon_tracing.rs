@@ -10,18 +10,18 @@ use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Scene};
-use fathom_stages::gbuffer::GbufferTextures;
-use fathom_stages::geometry::{Geometry, Part};
+use fathom_stages::gbuffer::GBuffer;
+use fathom_stages::geometry::{Geometry, Objects};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::ldi::peel;
 use fathom_stages::photon::Photons;
 use fathom_stages::picture::Shafts;
-use fathom_stages::refraction::surface::{self, Dry};
+use fathom_stages::refraction::surface::{self, DryView};
 use fathom_stages::scene;
-use fathom_stages::screen_ray::{Layers, Rays, WalkUniforms, walk_uniforms};
+use fathom_stages::screen_ray::{Layers, RayInputs, WalkUniforms, walk_uniforms};
 use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
-use fathom_stages::sprites::compose::{self, Composed};
+use fathom_stages::sprites::compose::{self, SpriteOutput};
 use fathom_stages::sprites::draw::{self, Sprite};
 use fathom_stages::uniforms::{Shared, View};
 
@@ -56,21 +56,21 @@ impl Pipeline for PhotonTracing {
         let map = screen_tracing::transfers(resources, shared, geometry, shadow_px, cells, grid)?;
 
         let size_px = view.size_px.to_array();
-        let of_view = &resources.sized_by(VIEWPORT);
+        let of_view = &resources.with_size_hint(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
-        let of_layers = &resources.sized_by("view × ldi.layers");
-        let solid = (geometry, Part::Solid);
+        let of_layers = &resources.with_size_hint("view × ldi.layers");
+        let solid = (geometry, Objects::Solid);
         let peel = peel::new(of_layers, shared, scene, solid, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
 
-        let ways = (params.ways(), params.sprites.max_hits);
-        let traced = Rays {
+        let ways = (params.path_segments(), params.sprites.max_hits);
+        let traced = RayInputs {
             transfers: &map.transfers,
             layers: &layers,
             bounds: under_water(scene),
             walking: params.rays.walking(resources.gpu, ways),
         };
-        let of_grid = &resources.sized_by("transfer.grid");
+        let of_grid = &resources.with_size_hint("transfer.grid");
         let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;
         let (lit, seen) = ((&photons, &map.weights), &gbuffer);
         let sprite = sprite(params, &view);
@@ -83,21 +83,21 @@ impl Pipeline for PhotonTracing {
         };
         let shafts = drawn.as_ref().map(|(flux, scale)| Shafts { flux, scale: *scale });
         let exposure = params.compose.exposure;
-        let compose = |composed: &Composed<'_>| -> Result<wgpu::Texture, GpuError> {
+        let compose = |composed: &SpriteOutput<'_>| -> Result<wgpu::Texture, GpuError> {
             let stage = compose::new(of_view, shared, seen, &irradiance, composed)?;
             Ok(of_view.push(stage))
         };
         let image = if params.surface.draw {
-            let radiance = &compose(&Composed::Dry)?;
-            let dry = Dry { layers: &layers, depth: &seen.depth, radiance };
+            let radiance = &compose(&SpriteOutput::Dry)?;
+            let dry = DryView { layers: &layers, depth: &seen.depth, radiance };
             let walk = WalkUniforms {
-                start_m: (START_M * scene.solid_bounds().times_tank()) as f32,
+                start_m: (START_M * scene.solid_bounds().tank_scale()) as f32,
                 ..walk_uniforms(&layers, scene.solid_bounds(), params.rays.least_px)
             };
             let bound_m = view.water.bound_m();
             of_view.push(surface::new(of_view, shared, &dry, &walk, bound_m, shafts, exposure)?)
         } else {
-            compose(&Composed::Picture { shafts, exposure })?
+            compose(&SpriteOutput::Picture { shafts, exposure })?
         };
         Ok(Self { params: params.clone(), view, photons, layers, irradiance, image })
     }
@@ -118,7 +118,7 @@ fn shafts(
     of_view: &Resources<'_>,
     shared: &Shared,
     photons: (&Photons, &Buffer),
-    seen: &GbufferTextures,
+    seen: &GBuffer,
     params: &Params,
     view: &View,
 ) -> Result<(wgpu::Texture, f64), GpuError> {

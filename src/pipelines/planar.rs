@@ -42,7 +42,7 @@ impl Pipeline for Planar {
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         let scene = &with_pool(scene).map_err(GpuError::Unusable)?;
-        let basin = Basin::of(&scene.water, params.floor_depth_m);
+        let basin = Basin::from_water(&scene.water, params.floor_depth_m);
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
@@ -51,11 +51,11 @@ impl Pipeline for Planar {
         let map = screen_tracing::transfers(resources, shared, geometry, shadow_px, cells, grid)?;
         let transfers = map.transfers;
 
-        let of_view = &resources.sized_by(VIEWPORT);
+        let of_view = &resources.with_size_hint(VIEWPORT);
         let size_px = view.size_px.to_array();
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
 
-        let of_map = &resources.sized_by("planar.texels");
+        let of_map = &resources.with_size_hint("planar.texels");
         let pool = params.pool();
         let photon_w = view.weighted_flux_w() / f64::from(params.transfer.photons());
         let map = of_map.push(points::new(of_map, shared, &transfers, &pool, photon_w)?);
@@ -119,7 +119,7 @@ mod tests {
             scene.water.center_m = [scale, -scale];
             scene.floor_depth_m = 1.5 * scale;
             let pool = &with_pool(&scene).unwrap().objects[0].mesh;
-            let basin = Basin::of(&scene.water, scene.floor_depth_m);
+            let basin = Basin::from_water(&scene.water, scene.floor_depth_m);
             for face in Face::ALL {
                 let rectangle = basin.rectangle(face);
                 let is_on = |corner: DVec3| {

@@ -6,10 +6,10 @@ use glam::{DVec2, DVec3, DVec4, UVec2, Vec4Swizzles};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::screen_tracing::{self, Composition, LayeredDepth, MOST_TILES, ROWS};
+use super::screen_tracing::{self, Composition, LayeredDepth, MAX_TILES, ROWS};
 use super::settings::{self, VIEWPORT};
-use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
-use super::{even_step, named, objects_of, share};
+use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance};
+use super::{even_step, objects_of, share, to_map};
 use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
@@ -18,13 +18,13 @@ use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Bounds, Camera, Light, Object, Scene, SceneFile};
-use fathom_stages::geometry::{Geometry, Part};
+use fathom_stages::geometry::{Geometry, Objects};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;
 use fathom_stages::screen_ray::{
-    HitTest, Layers, Rays, SightUniforms, Surface, WalkUniforms, Walking, walk_uniforms,
+    GlassSurface, HitTest, Layers, RayInputs, SightUniforms, WalkRules, WalkUniforms, walk_uniforms,
 };
 use fathom_stages::transfer::sight;
 use fathom_stages::uniforms::{Shared, View};
@@ -32,35 +32,35 @@ use fathom_stages::{ldi, refraction, scene};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Method {
+pub enum ExitMethod {
     /// Through layers of depth. SPT §4.
     Trace,
     /// Through the nearest and the farthest surface. Wyman 2005.
     TwoInterface,
 }
 
-choices!(Method);
+choices!(ExitMethod);
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT §5: 800 × 600.
-        view: settings::View = settings::View { width: 800, height: 600 };
+        view: settings::Viewport = settings::Viewport { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         ldi: LayeredDepth = LayeredDepth { layers: 2 };
-        refraction: Refraction = Refraction::default();
+        refraction: GlassSettings = GlassSettings::default();
         compose: Composition = Composition::default();
     }
 }
 
 settings! {
     /// How lines of sight pass through glass. SPT §4.
-    pub struct Refraction {
+    pub struct GlassSettings {
         /// What finds where they leave it.
-        method: Method = Method::Trace;
+        method: ExitMethod = ExitMethod::Trace;
         /// What a ray inside is held against. `depth` is the paper's.
-        surface: Surface = Surface::Plane;
+        surface: GlassSurface = GlassSurface::Plane;
         /// Surfaces that refract a ray; each needs a layer. SPT Table 1: 2.
         count: u32 = 2 => 1 ..= 16, "1";
         /// Fewest steps of a ray. SPT §2.1 enforces a minimum and does not give it.
@@ -68,29 +68,29 @@ settings! {
     }
 }
 
-impl Refraction {
-    fn by_lines(&self) -> bool {
-        self.method == Method::Trace && self.surface != Surface::Plane
+impl GlassSettings {
+    fn uses_lines(&self) -> bool {
+        self.method == ExitMethod::Trace && self.surface != GlassSurface::Plane
     }
 }
 
 /// At most about this many pixels are compared with the reference.
-const MOST_PIXELS: usize = 20_000;
+const MAX_PIXELS: usize = 20_000;
 
 impl Parameters for Params {
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         let (count, layers) = (self.refraction.count, self.ldi.layers);
-        if self.refraction.method == Method::Trace && count > layers {
+        if self.refraction.method == ExitMethod::Trace && count > layers {
             return Err(ParamError::Unfit(format!(
                 "refraction.count = {count} needs as many layers: ldi.layers is {layers}"
             )));
         }
         let tiles = self.view.width.saturating_mul(self.view.height).div_ceil(ROWS);
-        if self.refraction.by_lines() && u64::from(tiles) > MOST_TILES {
-            let most = MOST_TILES * u64::from(ROWS);
+        if self.refraction.uses_lines() && u64::from(tiles) > MAX_TILES {
+            let most = MAX_TILES * u64::from(ROWS);
             return Err(ParamError::Unfit(format!("{VIEWPORT}: at most {most} pixels have lines")));
         }
-        if self.refraction.by_lines() && count != 2 {
+        if self.refraction.uses_lines() && count != 2 {
             return Err(ParamError::Unfit(format!(
                 "refraction.count = {count}: refraction.surface depth and all_depths refract twice"
             )));
@@ -114,7 +114,7 @@ impl Pipeline for ScreenRefraction {
     type Params = Params;
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
-        if !scene.objects.iter().any(|object| Part::Glass.holds(&object.material)) {
+        if !scene.objects.iter().any(|object| Objects::Glass.holds(&object.material)) {
             let without = format!(
                 "scene `{}` has no object whose material.optics is glass: pipeline {} needs one",
                 scene.name,
@@ -126,11 +126,11 @@ impl Pipeline for ScreenRefraction {
         let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
-        let of_view = &resources.sized_by(VIEWPORT);
+        let of_view = &resources.with_size_hint(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let exits = match params.refraction.method {
-            Method::Trace => traced(resources, &view, shared, (scene, geometry), params)?,
-            Method::TwoInterface => {
+            ExitMethod::Trace => traced(resources, &view, shared, (scene, geometry), params)?,
+            ExitMethod::TwoInterface => {
                 let thickness_m = thickness(resources, scene);
                 let stage = two_interface::new(of_view, shared, geometry, size_px, &thickness_m)?;
                 of_view.push(stage)
@@ -145,39 +145,39 @@ impl Pipeline for ScreenRefraction {
     }
 }
 
-impl Drawing for ScreenRefraction {
+impl PipelineInstance for ScreenRefraction {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }
 
     /// Share of the pixels that show glass, and of these whose ray is totally reflected at the last surface.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let found = self.found(gpu)?;
+        let found = self.read_exits(gpu)?;
         let glass = found.iter().flatten().count();
         let inside = found.iter().flatten().filter(|exit| exit.inside).count();
-        Ok(named([
+        Ok(to_map([
             ("glass_rate", share(glass, found.len())),
             ("totally_reflected_rate", share(inside, glass)),
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let mut angles_deg = self.angles_deg(&self.found(judge.gpu)?, judge.scene)?;
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
+        let mut angles_deg = self.angles_deg(&self.read_exits(judge.gpu)?, judge.scene)?;
         let stage = match self.params.refraction.method {
-            Method::Trace => &trace::INFO,
-            Method::TwoInterface => &two_interface::INFO,
+            ExitMethod::Trace => &trace::INFO,
+            ExitMethod::TwoInterface => &two_interface::INFO,
         };
         let errors = [
             ("refraction_error_median_deg", quantile(&mut angles_deg, 0.5), "°"),
             ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9), "°"),
         ];
-        Ok(Judged::of(stage.name, errors, []))
+        Ok(Errors::new(stage.name, errors, []))
     }
 }
 
 /// The box of what is seen through glass; none where there is nothing.
 fn opaque_bounds(scene: &Scene) -> Option<Bounds> {
-    let opaque = scene.objects.iter().filter(|object| Part::Opaque.holds(&object.material));
+    let opaque = scene.objects.iter().filter(|object| Objects::Opaque.holds(&object.material));
     opaque.map(|object| object.mesh.bounds()).reduce(Bounds::union)
 }
 
@@ -189,15 +189,15 @@ fn traced(
     (scene, geometry): (&Scene, &Geometry),
     params: &Params,
 ) -> Result<Exits, GpuError> {
-    let of_layers = &resources.sized_by("view × ldi.layers");
-    let (glass, size_px) = ((geometry, Part::Glass), view.size_px.to_array());
+    let of_layers = &resources.with_size_hint("view × ldi.layers");
+    let (glass, size_px) = ((geometry, Objects::Glass), view.size_px.to_array());
     let peel = ldi::peel::new(of_layers, shared, scene, glass, size_px, params.ldi.layers)?;
     let layers = of_layers.push(peel);
-    let of_view = &resources.sized_by(VIEWPORT);
-    let Refraction { count, surface, least_px, .. } = params.refraction;
+    let of_view = &resources.with_size_hint(VIEWPORT);
+    let GlassSettings { count, surface, least_px, .. } = params.refraction;
     let bounds = scene.solid_bounds();
-    if params.refraction.by_lines() {
-        return by_lines(of_view, (view, shared), &layers, bounds, (surface, least_px));
+    if params.refraction.uses_lines() {
+        return trace_by_lines(of_view, (view, shared), &layers, bounds, (surface, least_px));
     }
     let walk: WalkUniforms = walk_uniforms(&layers, bounds, least_px);
     Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, (count, None))?))
@@ -205,33 +205,33 @@ fn traced(
 
 /// Pushes the stages that trace lines of sight through glass as lines of pixels, refracted twice: SPT §4. They are held against the first
 /// two layers, or against all.
-pub fn by_lines(
+pub fn trace_by_lines(
     of_view: &Resources<'_>,
     (view, shared): (&View, &Shared),
     layers: &Layers,
     bounds: Bounds,
-    (surface, least_px): (Surface, u32),
+    (surface, least_px): (GlassSurface, u32),
 ) -> Result<Exits, GpuError> {
     let size_px = view.size_px.as_vec2();
     let (first, end) = shown_px(view, bounds);
     let sight = SightUniforms { size_px, first, count: end - first };
     let (transfers, pairs) = of_view.push(sight::new(of_view, shared, layers, &sight)?);
-    let walking = Walking {
+    let walking = WalkRules {
         test: HitTest::Crossing,
         in_glass: Some(surface),
         tolerance_m: 0.0,
         start_m: 0.0,
-        least: least_px,
+        min_steps: least_px,
         rows: ROWS.min(of_view.gpu.limits.max_texture_dimension_2d),
-        ways: 1,
+        path_segments: 1,
         max_hits: 1,
         within_px: Some(sight.count.to_array()),
     };
-    let held = if surface == Surface::AllDepths { layers } else { &pairs };
-    let traced = Rays { transfers: &transfers, layers: held, bounds, walking };
-    let ends = screen_tracing::trace(of_view, shared, &traced, screen_tracing::Method::Lines)?;
+    let held = if surface == GlassSurface::AllDepths { layers } else { &pairs };
+    let traced = RayInputs { transfers: &transfers, layers: held, bounds, walking };
+    let ends = screen_tracing::trace(of_view, shared, &traced, screen_tracing::WalkMethod::Lines)?;
     let walk = walk_uniforms(layers, bounds, least_px);
-    let lines = Some(trace::Lines { sight: &sight, ends: &ends });
+    let lines = Some(trace::SightLines { sight: &sight, ends: &ends });
     Ok(of_view.push(trace::new(of_view, shared, layers, &walk, (2, lines))?))
 }
 
@@ -254,9 +254,9 @@ fn shown_px(view: &View, bounds: Bounds) -> (UVec2, UVec2) {
 /// Way through the glass from each vertex against its normal, up to the nearest surface; 0 where there is none. Wyman's d_N, stored once.
 fn thickness(resources: &Resources<'_>, scene: &Scene) -> Buffer {
     let count: usize = scene.objects.iter().map(|object| object.mesh.positions.len()).sum();
-    let off_m = OFF_M * scene.solid_bounds().times_tank();
+    let off_m = OFF_M * scene.solid_bounds().tank_scale();
     let ways = || -> Vec<f32> {
-        let tracer = Tracer::new(&objects_of(scene, Part::Glass));
+        let tracer = Tracer::new(&objects_of(scene, Objects::Glass));
         let way = |(p, n): (&[f32; 3], &[f32; 3])| {
             let [place, normal] = [p, n].map(|v| DVec3::from(v.map(f64::from)));
             let inwards = -normal.normalize_or_zero();
@@ -264,7 +264,7 @@ fn thickness(resources: &Resources<'_>, scene: &Scene) -> Buffer {
         };
         let of = |object: &Object| -> Vec<f32> {
             let mesh = &object.mesh;
-            if !Part::Glass.holds(&object.material) {
+            if !Objects::Glass.holds(&object.material) {
                 return vec![0.0; mesh.positions.len()];
             }
             mesh.positions.par_iter().zip(&mesh.normals).map(way).collect()
@@ -289,7 +289,7 @@ struct Exit {
 
 impl ScreenRefraction {
     /// Row by row; none where a pixel shows no glass.
-    fn found(&self, gpu: &Gpu) -> Result<Vec<Option<Exit>>, GpuError> {
+    fn read_exits(&self, gpu: &Gpu) -> Result<Vec<Option<Exit>>, GpuError> {
         let positions = read_texture(gpu, &self.exits.positions)?;
         let directions = read_texture(gpu, &self.exits.directions)?;
         let exit = |(place, along): (&[f32], &[f32])| {
@@ -301,7 +301,7 @@ impl ScreenRefraction {
 
     /// Angles between rays and exact ones, of an even selection of the pixels that show glass.
     fn angles_deg(&self, found: &[Option<Exit>], scene: &Scene) -> Result<Vec<f64>, JudgeError> {
-        let objects = objects_of(scene, Part::Glass);
+        let objects = objects_of(scene, Objects::Glass);
         let tracer = Tracer::new(&objects);
         let surfaces =
             Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
@@ -309,12 +309,12 @@ impl ScreenRefraction {
         let rays = PixelRays::new(&scene.camera, width, height);
         let count = self.params.refraction.count;
         let shown = found.iter().flatten().count();
-        let step = even_step(shown, MOST_PIXELS);
+        let step = even_step(shown, MAX_PIXELS);
         let seen = (0..).zip(found).filter_map(|(pixel, exit)| Some((pixel, exit.as_ref()?)));
         let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
         let angle = |(pixel, exit): &(u32, &Exit)| {
             let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
-            let exact = surfaces.behind(surfaces.sight(origin, direction), count)?;
+            let exact = surfaces.ray_behind(surfaces.sight(origin, direction), count)?;
             Some(exit.direction.angle_between(exact.direction).to_degrees())
         };
         Ok(seen.par_iter().filter_map(angle).collect())

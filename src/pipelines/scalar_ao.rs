@@ -9,7 +9,7 @@ mod tests;
 use std::collections::BTreeMap;
 
 use super::settings::{self, VIEWPORT};
-use super::{Drawing, Judge, JudgeError, Judged, Pipeline, named};
+use super::{Errors, Judge, JudgeError, Pipeline, PipelineInstance, to_map};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
@@ -57,23 +57,23 @@ impl Pipeline for ScalarAo {
         let named = |fault| GpuError::Unusable(format!("volume `{}`: {fault}", volume.name));
         volume.validate().map_err(named)?;
         let r_max_m = settings::r_max_m(scene, params.scalar.r_max_m, params.scalar.r_max_share);
-        params.scalar.suits(volume, r_max_m)?;
+        params.scalar.check_volume(volume, r_max_m)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = settings::begin(resources, &view);
         let field = ScalarField::new(resources, volume, params.scalar.needs_pyramid());
-        let of_view = &resources.sized_by(VIEWPORT);
+        let of_view = &resources.with_size_hint(VIEWPORT);
         let size_px = [params.view.width, params.view.height];
         let stage = cast(of_view, (&shared, &field), &params.scalar, size_px, r_max_m)?;
         let cast = of_view.push(stage);
         let texel_fetches =
             kit::pixels(&cast.image).saturating_mul(params.scalar.typical_fetches(volume));
-        of_view.expects("look-ups", Work { texel_fetches, ..Work::default() });
+        of_view.add_work("look-ups", Work { texel_fetches, ..Work::default() });
         let (settings, camera) = (params.scalar.clone(), params.camera.clone());
         Ok(Self { settings, camera, cast, field, r_max_m })
     }
 }
 
-impl Drawing for ScalarAo {
+impl PipelineInstance for ScalarAo {
     fn image(&self) -> &wgpu::Texture {
         &self.cast.image
     }
@@ -106,10 +106,10 @@ impl Drawing for ScalarAo {
             ));
             figures.push(("visibility_mean", visibility / covered_count));
         }
-        Ok(named(figures))
+        Ok(to_map(figures))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         self.judged(judge)
     }
 }

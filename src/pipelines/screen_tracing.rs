@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::settings::Transfer;
+use super::settings::TransferGrid;
 use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
@@ -12,9 +12,9 @@ use fathom_scene::SceneFile;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::Photons;
-use fathom_stages::screen_ray::{HitTest, Rays, Walking};
+use fathom_stages::screen_ray::{HitTest, RayInputs, WalkRules};
 use fathom_stages::transfer::bounce;
-use fathom_stages::transfer::map::{self, Map};
+use fathom_stages::transfer::map::{self, TransferMap};
 use fathom_stages::uniforms::Shared;
 use fathom_stages::{StageInfo, rays, shadow};
 
@@ -36,16 +36,16 @@ settings! {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Method {
+pub enum WalkMethod {
     /// A line for each photon, and a reduction of its row. SPT §2.1.
     Lines,
     /// An invocation walks each ray. SPT §2.1: about half as fast in 2006.
     March,
 }
 
-choices!(Method);
+choices!(WalkMethod);
 
-impl Method {
+impl WalkMethod {
     /// The stage that finds hits.
     pub fn info(self) -> &'static StageInfo {
         match self {
@@ -59,7 +59,7 @@ settings! {
     /// How rays are followed. SPT §2.1.
     pub struct RaySettings from file: SceneFile {
         /// What walks the rays. Both find the same hits.
-        method: Method = Method::Lines;
+        method: WalkMethod = WalkMethod::Lines;
         /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
         /// from pixel to pixel.
         test: HitTest = HitTest::Crossing;
@@ -79,20 +79,20 @@ settings! {
 pub(super) const ROWS: u32 = 8192;
 
 /// Most tiles: each is two passes of a frame, of which 2,048 are timed.
-pub(super) const MOST_TILES: u64 = 1024;
+pub(super) const MAX_TILES: u64 = 1024;
 
 impl RaySettings {
     /// For photons of so many ways, of which so many intersections are kept.
-    pub fn walking(&self, gpu: &Gpu, (ways, max_hits): (u32, u32)) -> Walking {
+    pub fn walking(&self, gpu: &Gpu, (path_segments, max_hits): (u32, u32)) -> WalkRules {
         let most_rows = gpu.limits.max_texture_dimension_2d;
-        Walking {
+        WalkRules {
             test: self.test,
             in_glass: None,
             tolerance_m: self.tolerance_m,
             start_m: self.start_m,
-            least: self.least_px,
+            min_steps: self.least_px,
             rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
-            ways,
+            path_segments,
             max_hits,
             within_px: None,
         }
@@ -104,9 +104,9 @@ impl RaySettings {
     pub fn fits(&self, rays: u32, ways: u32, sizes: &str) -> Result<(), ParamError> {
         let rows = if self.rows == 0 { ROWS } else { self.rows };
         let tiles = u64::from(rays.div_ceil(rows)) * u64::from(ways);
-        if self.method == Method::Lines && tiles > MOST_TILES {
+        if self.method == WalkMethod::Lines && tiles > MAX_TILES {
             return Err(ParamError::Unfit(format!(
-                "{sizes} and rays.rows give {tiles} tiles of rays: at most {MOST_TILES} are drawn"
+                "{sizes} and rays.rows give {tiles} tiles of rays: at most {MAX_TILES} are drawn"
             )));
         }
         Ok(())
@@ -121,14 +121,14 @@ pub fn transfers(
     geometry: &Geometry,
     shadow_px: u32,
     cells: u32,
-    transfer: &Transfer,
-) -> Result<Map, GpuError> {
-    let of_light = &resources.sized_by("shadow.size");
+    transfer: &TransferGrid,
+) -> Result<TransferMap, GpuError> {
+    let of_light = &resources.with_size_hint("shadow.size");
     let depth = shadow::depth::new(of_light, shared, geometry, shadow_px)?;
     let depth = of_light.push(depth);
     let mask = shadow::mask::new(of_light, shared, &depth, cells)?;
     let mask = of_light.push(mask);
-    let of_grid = &resources.sized_by("transfer.grid");
+    let of_grid = &resources.with_size_hint("transfer.grid");
     let map = map::new(of_grid, shared, &mask, &transfer.uniforms())?;
     Ok(of_grid.push(map))
 }
@@ -137,20 +137,20 @@ pub fn transfers(
 pub fn trace(
     of_rays: &Resources<'_>,
     shared: &Shared,
-    traced: &Rays<'_>,
-    method: Method,
+    traced: &RayInputs<'_>,
+    method: WalkMethod,
 ) -> Result<Photons, GpuError> {
     let (photons, tiles) = match method {
-        Method::Lines => {
-            let of_tile = &of_rays.sized_by("view × rays.rows");
+        WalkMethod::Lines => {
+            let of_tile = &of_rays.with_size_hint("view × rays.rows");
             let drawn = rays::rasterize::new(of_tile, shared, traced)?;
             let drawn = of_tile.push(drawn);
             let reduce = rays::reduce::new(of_tile, &drawn, traced)?;
             (of_tile.push(reduce), traced.tiles())
         }
-        Method::March => (of_rays.push(rays::march::new(of_rays, shared, traced)?), 1),
+        WalkMethod::March => (of_rays.push(rays::march::new(of_rays, shared, traced)?), 1),
     };
-    if traced.walking.ways > 1 {
+    if traced.walking.path_segments > 1 {
         of_rays.push(bounce::new(of_rays, shared, traced, &photons, tiles)?);
     }
     Ok(photons)

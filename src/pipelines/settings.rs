@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3, UVec2, Vec2};
 use serde::{Deserialize, Serialize};
 
 use fathom_base::choices;
-use fathom_base::parameter::{ParamError, within};
+use fathom_base::parameter::{ParamError, check_range};
 use fathom_base::settings;
 use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Camera, Grid, Light, Scene, VolumeFile, Water};
@@ -13,14 +13,14 @@ use fathom_stages::bilateral::BilateralUniforms;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 pub use fathom_stages::marching::{Attenuation, R_MAX_SHARE};
-use fathom_stages::scene::deform::{self, Motion};
+use fathom_stages::scene::deform::{self, MotionKind};
 use fathom_stages::transfer::map::MapUniforms;
 use fathom_stages::voxel::slicemap::Rasterizer;
 use fathom_stages::{Stage, uniforms};
 
 settings! {
     /// Pixels of the main viewport. Where a pipeline gives no other: 600 × 600, as in VAO Fig. 8.
-    pub struct View {
+    pub struct Viewport {
         /// Columns.
         width: u32 = 600 => 1 ..= 1_000_000, "px";
         /// Rows.
@@ -28,16 +28,16 @@ settings! {
     }
 }
 
-impl View {
+impl Viewport {
     #[must_use]
-    pub fn enlarged(&self, factor: u32) -> Self {
+    pub fn upscaled(&self, factor: u32) -> Self {
         Self { width: self.width * factor, height: self.height * factor }
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Method {
+pub enum VoxelMethod {
     /// One pass per axis, bits of slices set by atomics. VAO §4.2.
     Slicemap,
     /// One pass per slice and axis. VAO §4.1.
@@ -61,7 +61,7 @@ settings! {
     /// The volume and how it is filled.
     pub struct Voxel {
         /// How triangles become voxels.
-        method: Method = Method::Slicemap;
+        method: VoxelMethod = VoxelMethod::Slicemap;
         /// Who rasterizes the triangles of slicemaps. Where they are twisted or wave, it is the hardware in any case.
         rasterizer: Rasterizer = Rasterizer::Mixed;
         /// When the volume is filled.
@@ -87,9 +87,9 @@ impl Voxel {
             return Ok(());
         }
         for n in self.cells {
-            within("voxel.cells", f64::from(n), 1.0, 4096.0)?;
+            check_range("voxel.cells", f64::from(n), 1.0, 4096.0)?;
         }
-        within("voxel.voxel_m", self.voxel_m, 1e-6, 1e5)
+        check_range("voxel.voxel_m", self.voxel_m, 1e-6, 1e5)
     }
 
     /// The parameter that sets the size of the volume, for messages.
@@ -109,7 +109,7 @@ impl Voxel {
         }
         if self.per_object {
             let fit = |object: &fathom_scene::Object| {
-                Grid::fit(&animation.room(&object.mesh.bounds()), self.resolution).map_err(
+                Grid::fit(&animation.motion_bounds(&object.mesh.bounds()), self.resolution).map_err(
                     |fault| ParamError::Unfit(format!("object `{}`: {fault}", object.name)),
                 )
             };
@@ -160,7 +160,7 @@ pub enum Deform {
     Wave,
 }
 
-choices!(Method, Update, Deform, Show);
+choices!(VoxelMethod, Update, Deform, Show);
 
 settings! {
     /// Motion of the geometry, a function of time: each frame is the same work, and time is an axis like any other.
@@ -184,12 +184,12 @@ impl Animation {
 
     /// The box that a scene without its water stays in at all times.
     pub fn bounds(&self, scene: &Scene) -> Bounds {
-        let moving = scene.objects.iter().map(|object| self.room(&object.mesh.bounds()));
+        let moving = scene.objects.iter().map(|object| self.motion_bounds(&object.mesh.bounds()));
         moving.fold(scene.solid_bounds(), Bounds::union)
     }
 
     /// The box that an object stays in at all times, from its box at rest.
-    pub fn room(&self, rest: &Bounds) -> Bounds {
+    pub fn motion_bounds(&self, rest: &Bounds) -> Bounds {
         let half = rest.size() / 2.0;
         let reach = match self.deform {
             Deform::None => half,
@@ -218,22 +218,22 @@ pub fn deform(
 ) -> Result<Option<Stage>, GpuError> {
     let motion = match animation.deform {
         Deform::None => return Ok(None),
-        Deform::Spin => Motion::Spin,
-        Deform::Twist => Motion::Twist,
-        Deform::Wave => Motion::Wave,
+        Deform::Spin => MotionKind::Spin,
+        Deform::Twist => MotionKind::Twist,
+        Deform::Wave => MotionKind::Wave,
     };
     let (cycles, amplitude) = (animation.cycles(), animation.amplitude);
     deform::new(resources, geometry, scene, motion, cycles, amplitude).map(Some)
 }
 
 /// The same without water, of what lies within these bounds: default water, which a dry scene has too, moves no shadow.
-pub fn dry(view: uniforms::View, bounds: Bounds) -> uniforms::View {
+pub fn without_water(view: uniforms::View, bounds: Bounds) -> uniforms::View {
     let water = Water { amplitude_m: 0.0, refractive_index: 1.0, ..Water::default() };
     uniforms::View { bounds, water, ..view }
 }
 
 /// What a pipeline shows its stages where none of them looks photons up in the light's depth. Its bounds hold the water.
-pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> uniforms::View {
+pub fn view(view: &Viewport, camera: &Camera, light: &Light, scene: &Scene) -> uniforms::View {
     uniforms::View {
         camera: camera.clone(),
         light: light.clone(),
@@ -276,7 +276,7 @@ settings! {
 
 settings! {
     /// The transfer map: a photon an entry. SPT §2.
-    pub struct Transfer {
+    pub struct TransferGrid {
         /// Photons along the light's screen, to the right and upwards. SPT §5: 256 × 256.
         grid: [u32; 2] = [256, 256] => 1 ..= 16384, "1";
         /// Place of each photon within its cell of the grid; [0.5, 0.5] is the middle.
@@ -284,7 +284,7 @@ settings! {
     }
 }
 
-impl Transfer {
+impl TransferGrid {
     pub fn photons(&self) -> u32 {
         self.grid[0] * self.grid[1]
     }
@@ -299,7 +299,7 @@ impl Transfer {
 
 settings! {
     /// How finely the scene's volume is sampled.
-    pub struct Cells from volume: VolumeFile {
+    pub struct VolumeCells from volume: VolumeFile {
         /// Cells along x, y and z of a generated volume; all 0: the generator's own number.
         cells: [u32; 3] = volume.cells => 0 ..= 4_294_967_295u32, "1";
         /// Each axis has so many times fewer cells.
@@ -307,12 +307,12 @@ settings! {
     }
 }
 
-impl Cells {
+impl VolumeCells {
     /// The scene's volume with these cells.
     ///
     /// # Errors
     /// Cells that a file or an asset gives itself.
-    pub fn put_into(&self, volume: &VolumeFile) -> Result<VolumeFile, ParamError> {
+    pub fn apply_to(&self, volume: &VolumeFile) -> Result<VolumeFile, ParamError> {
         if self.cells != volume.cells && volume.generator.is_none() {
             return Err(ParamError::Unfit(format!(
                 "volume.cells is {:?}: the scene's volume is not generated, only volume.reduce changes its cells",

@@ -6,17 +6,17 @@ use glam::DVec3;
 
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
-use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
-use super::{exact_of, judged_view, named, objects_of, share};
+use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance};
+use super::{exact_answers, judged_view, objects_of, share, to_map};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, Light, LightKind, Scene, SceneFile};
-use fathom_stages::geometry::{Geometry, Part};
+use fathom_stages::geometry::{Geometry, Objects};
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::{Fate, Photon, Photons};
-use fathom_stages::screen_ray::Rays;
+use fathom_stages::screen_ray::RayInputs;
 use fathom_stages::uniforms::View;
 use fathom_stages::{ldi, scene, shadow, transfer};
 
@@ -24,12 +24,12 @@ settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT §5: 800 × 600.
-        view: settings::View = settings::View { width: 800, height: 600 };
+        view: settings::Viewport = settings::Viewport { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         ldi: LayeredDepth = LayeredDepth::default();
         rays: RaySettings =
-            RaySettings { start_m: START_M * file.times_tank(), ..RaySettings::from(file) };
+            RaySettings { start_m: START_M * file.tank_scale(), ..RaySettings::from(file) };
         /// Whether rays start only on materials that are a `receiver`, as in SPT §5; else on all that faces the light.
         receivers_only: bool = false;
         compose: Composition = Composition::default();
@@ -39,12 +39,12 @@ settings! {
 /// Rays start on surfaces. Within this distance surfaces do not hide themselves, metres in scene tank.
 const START_M: f64 = 0.03;
 /// At most about this many pixels are compared with the reference.
-const MOST_PIXELS: usize = 40_000;
+const MAX_PIXELS: usize = 40_000;
 /// A ray cast from a surface starts this far from it, metres in scene tank.
 const OFF_M: f64 = 1e-4;
 
 impl Parameters for Params {
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         self.rays.fits(self.view.width.saturating_mul(self.view.height), 1, VIEWPORT)
     }
 }
@@ -69,15 +69,15 @@ impl Pipeline for ShadowRays {
         let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
-        let of_view = &resources.sized_by(VIEWPORT);
+        let of_view = &resources.with_size_hint(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
-        let of_layers = &resources.sized_by("view × ldi.layers");
-        let opaque = (geometry, Part::Opaque);
+        let of_layers = &resources.with_size_hint("view × ldi.layers");
+        let opaque = (geometry, Objects::Opaque);
         let peel = ldi::peel::new(of_layers, shared, scene, opaque, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
         let starts = transfer::shadow::new(of_view, shared, &layers, params.receivers_only)?;
         let starts = of_view.push(starts);
-        let traced = Rays {
+        let traced = RayInputs {
             transfers: &starts,
             layers: &layers,
             bounds: scene.solid_bounds(),
@@ -91,7 +91,7 @@ impl Pipeline for ShadowRays {
     }
 }
 
-impl Drawing for ShadowRays {
+impl PipelineInstance for ShadowRays {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }
@@ -101,16 +101,16 @@ impl Drawing for ShadowRays {
         let ends = self.photons.read(gpu)?;
         let facing = ends.iter().filter(|end| end.fate() != Fate::MissedWater).count();
         let shadowed = ends.iter().filter(|end| self.shadowed(end)).count();
-        Ok(named([
+        Ok(to_map([
             ("facing_light_rate", share(facing, ends.len())),
             ("shadowed_rate", share(shadowed, facing)),
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let found = self.photons.read(judge.gpu)?;
         let errors = shadow_errors(&self.compared(&found, judge.scene)?);
-        Ok(Judged::of(self.params.rays.method.info().name, errors, []))
+        Ok(Errors::new(self.params.rays.method.info().name, errors, []))
     }
 }
 
@@ -133,16 +133,16 @@ impl ShadowRays {
 
     /// Of an even selection of pixels that face the light, whether each was found in shadow, and whether it is by ray casting.
     fn compared(&self, found: &[Photon], scene: &Scene) -> Result<Vec<(bool, bool)>, JudgeError> {
-        let tracer = Tracer::new(&objects_of(scene, Part::Opaque));
+        let tracer = Tracer::new(&objects_of(scene, Objects::Opaque));
         let view = &judged_view(&self.view, scene);
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
-        let off_m = OFF_M * scene.solid_bounds().times_tank();
+        let off_m = OFF_M * scene.solid_bounds().tank_scale();
         let sun = view.light_frame().forward;
-        let exact = exact_of(found.len(), MOST_PIXELS, |pixel| {
+        let exact = exact_answers(found.len(), MAX_PIXELS, |pixel| {
             let [x, y] = [pixel as u32 % width, pixel as u32 / width];
             let place = rays.cast(&tracer, x, y)?.0.position;
-            let to_light = to_light(view, sun, place);
+            let to_light = direction_to_light(view, sun, place);
             Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
         });
         let faces = |pixel: usize| found[pixel].fate() != Fate::MissedWater;
@@ -160,7 +160,7 @@ pub fn light_m(view: &View, place: DVec3) -> f64 {
 }
 
 /// Direction to the light from a place; `sun` is the way of a directional light.
-pub fn to_light(view: &View, sun: DVec3, place: DVec3) -> DVec3 {
+pub fn direction_to_light(view: &View, sun: DVec3, place: DVec3) -> DVec3 {
     match view.light.kind {
         LightKind::Directional => -sun,
         LightKind::Point => (DVec3::from(view.light.position_m) - place).normalize(),

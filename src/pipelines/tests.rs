@@ -2,12 +2,12 @@
 
 use serde_json::{Value, json};
 
-use super::{KINDS, Plan, even_step, staged};
-use fathom_base::parameter::{self, Allowed, Field};
+use super::{KINDS, PipelinePlan, apply, even_step};
+use fathom_base::parameter::{self, Allowed, ParamField};
 use fathom_scene::{Scene, SceneFile};
 
 /// Plans a pipeline and a scene, such as `hsao tank`, with parameters such as `hsao.rays=2 hsao.steps=3`, on the scene that they stage.
-fn planned(of: &str, settings: &str) -> Result<Plan, String> {
+fn planned(of: &str, settings: &str) -> Result<PipelinePlan, String> {
     let (pipeline, scene) = of.split_once(' ').expect("two names");
     let kind = KINDS.iter().find(|kind| kind.name == pipeline).expect("a pipeline");
     let file = SceneFile::load(scene).expect("a scene");
@@ -17,7 +17,7 @@ fn planned(of: &str, settings: &str) -> Result<Plan, String> {
         parameter::set(&mut tree, path, value).map_err(|error| error.to_string())?;
     }
     let tree = (kind.checked)(&tree).map_err(|error| error.to_string())?;
-    let file = staged(&tree, &file).map_err(|error| error.to_string())?;
+    let file = apply(&tree, &file).map_err(|error| error.to_string())?;
     let scene = Scene::build(&file).map_err(|error| error.to_string())?;
     (kind.plan)(&tree, &scene).map_err(|error| error.to_string())
 }
@@ -48,7 +48,7 @@ fn values_that_a_parameter_does_not_take_are_refused_by_its_name() {
     for kind in KINDS {
         let defaults = (kind.defaults)(&file);
         assert!((kind.checked)(&defaults).is_ok(), "{}", kind.name);
-        for Field { path, allowed, .. } in (kind.fields)() {
+        for ParamField { path, allowed, .. } in (kind.fields)() {
             let default = parameter::get(&defaults, &path).unwrap();
             for value in beyond(allowed, default) {
                 let mut tree = defaults.clone();
@@ -124,5 +124,5 @@ fn steps_are_odd_and_leave_few() {
 fn a_picture_of_more_pixels_than_can_be_counted_is_planned() {
     let far = "view.width=1000000 view.height=1000000 rays.method=march";
     // The room for rays is counted, and no adapter has it.
-    assert!(planned("shadow_rays ball", far).unwrap().demand.held_bytes() > 1 << 36);
+    assert!(planned("shadow_rays ball", far).unwrap().demand.allocated_bytes() > 1 << 36);
 }

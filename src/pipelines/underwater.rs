@@ -1,7 +1,7 @@
 //! Underwater caustics and godrays: Papadopoulos and Papaioannou, *Realistic Real-time Underwater Caustics and Godrays* (UW).
 
 mod explain;
-mod found;
+mod frame_caustics;
 mod grid;
 mod landing;
 mod measure;
@@ -12,13 +12,13 @@ use std::collections::BTreeMap;
 use glam::{UVec2, Vec2};
 use serde_json::Value;
 
-use super::caustics_image::Compared;
+use super::caustics_image::CausticsPair;
 use super::settings::{VIEWPORT, begin, scaled};
-use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
+use super::{Errors, Judge, JudgeError, Pipeline, PipelineInstance};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::caustics::splat::{self, SplatStyle, SplatUniforms};
-use fathom_stages::compose::{self, ComposeUniforms, Composed};
+use fathom_stages::compose::{self, ComposeInputs, PictureUniforms};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
 use fathom_stages::kit::Resources;
@@ -26,13 +26,13 @@ use fathom_stages::lit_scene;
 use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
 use fathom_stages::photon::{self, Photons, TraceUniforms};
 use fathom_stages::picture::Picture;
-use fathom_stages::splatting::{PHOTONS_PER_INSTANCE, Sums};
+use fathom_stages::splatting::{PHOTONS_PER_INSTANCE, SplatSums};
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{Stage, godrays, scene, shadow};
 
-pub use grid::PhotonGrid;
+pub use grid::GridSettings;
 use parameters::PhotonPath;
-pub use parameters::{Intensity, Params, Splatting, SubdivisionMode};
+pub use parameters::{IntensityRule, Params, Splatting, SubdivisionMode};
 
 /// Photons through the water's surface, splats and light shafts.
 pub struct Underwater {
@@ -41,13 +41,13 @@ pub struct Underwater {
     pub caustics: PhotonStages,
     pub godrays: PhotonStages,
     image: wgpu::Texture,
-    plan: Plan,
+    plan: ViewPlan,
 }
 
 /// What the stages of a photon grid leave: traced, drawn, filtered.
 pub struct PhotonStages {
     pub photons: Photons,
-    pub drawn: Sums,
+    pub drawn: SplatSums,
     filtered: Option<wgpu::Texture>,
     /// The stage that leaves what the picture is composed of.
     pub last: &'static str,
@@ -68,11 +68,11 @@ impl Pipeline for Underwater {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = view(params, scene);
-        let plan = Plan::new(params, &view);
+        let plan = ViewPlan::new(params, &view);
         let shared = &begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
 
-        let of_light = &resources.sized_by("shadow.size");
+        let of_light = &resources.with_size_hint("shadow.size");
         let depth = shadow::depth::new(of_light, shared, geometry, params.shadow.size)?;
         let depth = of_light.push(depth);
         let cells = params.surface.cells;
@@ -83,10 +83,10 @@ impl Pipeline for Underwater {
         }
         let light = (&depth, &mask_texture);
 
-        let of_view = &resources.sized_by(VIEWPORT);
+        let of_view = &resources.with_size_hint(VIEWPORT);
         let size_px = view.size_px.to_array();
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
-        let of_surface = &resources.sized_by("view × surface.scale");
+        let of_surface = &resources.with_size_hint("view × surface.scale");
         let surface_px = scaled(size_px, params.surface.scale);
         let lit = |info| lit_scene::new(of_surface, info, shared, geometry, surface_px);
         let reflection = of_surface.push(lit(&lit_scene::REFLECTION)?);
@@ -94,14 +94,14 @@ impl Pipeline for Underwater {
 
         let seen = &gbuffer.depth;
         let [caustics, godrays] = photon_grids(resources, shared, light, seen, params, &plan)?;
-        let composed = Composed {
+        let composed = ComposeInputs {
             picture: Picture::new(&gbuffer, params.compose.exposure, 0.0),
             caustics: caustics.texture(),
             godrays: godrays.texture(),
             reflection: &reflection,
             refraction: &refraction,
         };
-        let conserving = params.caustics.intensity == Intensity::Conserving;
+        let conserving = params.caustics.intensity == IntensityRule::Conserving;
         let (settings, added) = (&plan.compose, params.compose.add_caustics);
         let compose = compose::new(of_view, shared, &composed, settings, conserving, added)?;
         let image = of_view.push(compose);
@@ -109,7 +109,7 @@ impl Pipeline for Underwater {
     }
 }
 
-impl Drawing for Underwater {
+impl PipelineInstance for Underwater {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }
@@ -122,13 +122,13 @@ impl Drawing for Underwater {
         self.explained(stage)
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         self.landing_errors(judge.gpu, judge.scene)
     }
 
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
-        let found = self.found_caustics(judge)?;
-        Compared::new(judge, &self.view, &found).map(Some)
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
+        let found = self.frame_caustics(judge)?;
+        CausticsPair::new(judge, &self.view, &found).map(Some)
     }
 }
 
@@ -139,7 +139,7 @@ fn photon_grids(
     light: (&wgpu::Texture, &wgpu::Texture),
     seen: &wgpu::Texture,
     params: &Params,
-    plan: &Plan,
+    plan: &ViewPlan,
 ) -> Result<[PhotonStages; 2], GpuError> {
     let path = params.caustics.path();
     let guide = GuidedUniforms {
@@ -147,7 +147,7 @@ fn photon_grids(
         radius_px: params.caustics.filter_radius_px as f32,
         depth_share: params.caustics.filter_depth_share as f32,
     };
-    let filter = |of: &Resources<'_>, drawn: &Sums| {
+    let filter = |of: &Resources<'_>, drawn: &SplatSums| {
         low_pass::guided(of, &low_pass::CAUSTICS, drawn, (shared, seen), &guide)
     };
     let caustics = photon_stages(
@@ -170,8 +170,9 @@ fn photon_grids(
         taps: params.godrays.filter_taps,
         radius_px: params.godrays.filter_radius_px as f32,
     };
-    let filter =
-        |of: &Resources<'_>, drawn: &Sums| low_pass::new(of, &low_pass::GODRAYS, drawn, &settings);
+    let filter = |of: &Resources<'_>, drawn: &SplatSums| {
+        low_pass::new(of, &low_pass::GODRAYS, drawn, &settings)
+    };
     let godrays = photon_stages(
         resources,
         shared,
@@ -186,7 +187,8 @@ fn photon_grids(
 }
 
 /// Makes the stage that smooths what another has drawn.
-type Smoothing<'a> = dyn Fn(&Resources<'_>, &Sums) -> Result<Stage<wgpu::Texture>, GpuError> + 'a;
+type Smoothing<'a> =
+    dyn Fn(&Resources<'_>, &SplatSums) -> Result<Stage<wgpu::Texture>, GpuError> + 'a;
 
 /// `draw` makes the stage that draws the photons, and `filter` makes the one that smooths the result.
 fn photon_stages(
@@ -194,14 +196,14 @@ fn photon_stages(
     shared: &Shared,
     light: (&wgpu::Texture, &wgpu::Texture),
     (path, uniforms, filter): (PhotonPath, &TraceUniforms, &Smoothing<'_>),
-    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Stage<Sums>, GpuError>,
+    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Stage<SplatSums>, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
-    let of_grid = &resources.sized_by(path.grid_sized_by);
+    let of_grid = &resources.with_size_hint(path.grid_sized_by);
     let (info, dynamic) = (path.trace, grid.is_dynamic());
     let trace = photon::tracing(of_grid, info, shared, light, uniforms, dynamic, conserving)?;
     let photons = of_grid.push(trace);
-    let of_buffer = &resources.sized_by(path.buffer_sized_by);
+    let of_buffer = &resources.with_size_hint(path.buffer_sized_by);
     let draw = draw(of_buffer, &photons, conserving)?;
     let mut last = draw.name();
     let drawn = of_buffer.push(draw);
@@ -228,7 +230,7 @@ pub fn view(params: &Params, scene: &Scene) -> View {
 }
 
 /// Uniforms of the camera-space stages, and the sizes that their declared work rests on.
-struct Plan {
+struct ViewPlan {
     /// Of caustics and of godrays.
     traces: [TraceUniforms; 2],
     splat: SplatUniforms,
@@ -237,10 +239,10 @@ struct Plan {
     lines: LinesUniforms,
     /// Length of a vertical line through all of the water, seen across.
     line_px: f64,
-    compose: ComposeUniforms,
+    compose: PictureUniforms,
 }
 
-impl Plan {
+impl ViewPlan {
     fn new(params: &Params, view: &View) -> Self {
         let flux_w = [params.caustics.intensity, params.godrays.intensity]
             .map(|intensity| grid_flux_w(view, intensity));
@@ -248,15 +250,15 @@ impl Plan {
         let [caustics, godrays] = [params.caustics_buffer(), params.godrays_buffer()];
         let pixel = |buffer: [u32; 2]| view.pixel_tangent(buffer) * middle_m;
         let size = params.point_size();
-        let splat_px = size.at(middle_m);
+        let splat_px = size.size_px(middle_m);
         let grids = [params.caustics.grid_settings(), params.godrays.grid_settings()];
         let photons = [grids[0].photons(), grids[1].photons()];
         let sides_px = [params.caustics.point_size_max_px, params.caustics.point_size_min_px];
         let [near, most] = sides_px.map(|side_px| {
             flux_w[0] / photons[0] as f64
                 * match params.caustics.intensity {
-                    Intensity::Paper => 1.0,
-                    Intensity::Conserving => side_px.powi(-2),
+                    IntensityRule::Paper => 1.0,
+                    IntensityRule::Conserving => side_px.powi(-2),
                 }
         });
         let least = near * (-params.water.attenuation_per_m * params.floor_depth_m).exp();
@@ -281,13 +283,13 @@ impl Plan {
         };
         let caustics_scale = match params.caustics.intensity {
             // A splat of side s in the middle of the view covers this area, which turns flux into irradiance there.
-            Intensity::Paper => 1.0 / (splat_px * pixel(caustics)).powi(2),
-            Intensity::Conserving => view.pixel_tangent(caustics),
+            IntensityRule::Paper => 1.0 / (splat_px * pixel(caustics)).powi(2),
+            IntensityRule::Conserving => view.pixel_tangent(caustics),
         };
         let width_m = pixel(godrays)
             * match params.godrays.intensity {
-                Intensity::Paper => params.godrays.line_width_px,
-                Intensity::Conserving => 1.0,
+                IntensityRule::Paper => params.godrays.line_width_px,
+                IntensityRule::Conserving => 1.0,
             };
         Self {
             traces: grids.map(|grid| grid.uniforms(view, params.shadow.size)),
@@ -295,7 +297,7 @@ impl Plan {
             splat_px,
             lines,
             line_px: params.floor_depth_m / pixel(godrays),
-            compose: ComposeUniforms {
+            compose: PictureUniforms {
                 caustics_scale: caustics_scale as f32,
                 godrays_scale: (params.godrays.scattering_per_m / width_m) as f32,
                 occlusion_taps: params.compose.occlusion_taps,
@@ -309,10 +311,10 @@ impl Plan {
 
 /// Flux that the photons of a grid share. The paper's rule shares the light's flux evenly; `conserving` weights the photons
 /// of a point light by their solid angle.
-fn grid_flux_w(view: &View, intensity: Intensity) -> f64 {
+fn grid_flux_w(view: &View, intensity: IntensityRule) -> f64 {
     match intensity {
-        Intensity::Paper => view.light_frame().emitted_w,
-        Intensity::Conserving => view.weighted_flux_w(),
+        IntensityRule::Paper => view.light_frame().emitted_w,
+        IntensityRule::Conserving => view.weighted_flux_w(),
     }
 }
 

@@ -6,7 +6,7 @@ mod parameters;
 use glam::DMat4;
 
 use super::Pipeline;
-use super::lighting::{Composed, Seen};
+use super::lighting::{LitImage, VisibleScene};
 use super::occlusion::OcclusionBuffers;
 use super::settings::{self, Update};
 use super::voxelization;
@@ -25,11 +25,11 @@ pub use parameters::Params;
 /// Voxelization, rays marched through the volumes, filter, composition.
 pub struct VolumeAo {
     marching: Marching,
-    seen: Seen,
+    seen: VisibleScene,
     view_projection: DMat4,
     /// What is marched through.
     pub volumes: Vec<Voxels>,
-    composed: Composed,
+    composed: LitImage,
     /// What the frame left of occlusion and of what the camera sees.
     pub buffers: OcclusionBuffers,
 }
@@ -42,15 +42,15 @@ impl Pipeline for VolumeAo {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let view = settings::dry(view, params.animation.bounds(scene));
+        let view = settings::without_water(view, params.animation.bounds(scene));
         let view_projection = view.camera.view_projection(view.aspect());
         let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);
         let volumes = voxelize(resources, &geometry, scene, params, params.voxel.update)?;
-        let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;
+        let seen = VisibleScene::draw(resources, (view, shared), &geometry, &params.shadow)?;
         let marching = params.marching(scene);
         let textures = &seen.gbuffer;
-        let of_buffer = resources.sized_by("ao.rays × samples");
+        let of_buffer = resources.with_size_hint("ao.rays × samples");
         let march = ao::march::new(
             &of_buffer,
             &seen.shared,
@@ -62,7 +62,7 @@ impl Pipeline for VolumeAo {
         let march = of_buffer.push(march);
         let filter = params.ao.filter.then_some((&bilateral::AO, &params.filter));
         let composed =
-            Composed::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
+            LitImage::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (ao::march::INFO.name, march.clone()),

@@ -1,6 +1,6 @@
 //! Volumes and the stages that fill them, as `voxelize` and `volume_ao` share them. VAO §4.
 
-use super::settings::{self, Animation, Deform, Method, Update, Voxel};
+use super::settings::{self, Animation, Deform, Update, Voxel, VoxelMethod};
 use fathom_gpu::{GpuError, Stage};
 use fathom_scene::{Grid, Scene};
 use fathom_stages::geometry::Geometry;
@@ -11,7 +11,7 @@ use fathom_stages::voxel::mips;
 use fathom_stages::voxel::slice;
 use fathom_stages::voxel::slicemap::{self, Rasterizer};
 use fathom_stages::voxel::unpack::{self, Packed};
-use fathom_stages::voxel::{Part, alpha, overlap};
+use fathom_stages::voxel::{VoxelPart, alpha, overlap};
 use fathom_stages::voxels::Voxels;
 
 /// Which volumes are made, and when they are filled.
@@ -40,15 +40,15 @@ pub fn voxelize(
         let once = update == Update::Once;
         resources.push_as(deform, if once { When::Both } else { When::EveryFrame });
     }
-    let resources = &resources.sized_by(settings.size_name());
+    let resources = &resources.with_size_hint(settings.size_name());
     let parts = parts(resources, geometry, &grids, settings, pyramid);
     let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
     let filling = Filling { resources, geometry, parts: &parts, update };
     match settings.method {
-        Method::Slicemap => filling.slicemap(rasterizer(settings, animation))?,
-        Method::Slice => filling.slice()?,
-        Method::Overlap => filling.overlap()?,
-        Method::MaxAlpha => filling.max_alpha()?,
+        VoxelMethod::Slicemap => filling.slicemap(rasterizer(settings, animation))?,
+        VoxelMethod::Slice => filling.slice()?,
+        VoxelMethod::Overlap => filling.overlap()?,
+        VoxelMethod::MaxAlpha => filling.max_alpha()?,
     }
     // A single voxel has no levels.
     if pyramid && grids.iter().any(|grid| grid.count() > 1) {
@@ -72,15 +72,17 @@ fn parts(
     grids: &[Grid],
     settings: &Voxel,
     pyramid: bool,
-) -> Vec<Part> {
+) -> Vec<VoxelPart> {
     let indices = if settings.per_object {
         geometry.objects.clone()
     } else {
         let last = geometry.objects.last().map_or(0, |object| object.end);
         std::iter::once(0..last).collect()
     };
-    let part =
-        |(grid, indices)| Part { voxels: Voxels::new(resources, "voxels", grid, pyramid), indices };
+    let part = |(grid, indices)| VoxelPart {
+        voxels: Voxels::new(resources, "voxels", grid, pyramid),
+        indices,
+    };
     grids.iter().zip(indices).map(part).collect()
 }
 
@@ -88,7 +90,7 @@ fn parts(
 struct Filling<'a> {
     resources: &'a Resources<'a>,
     geometry: &'a Geometry,
-    parts: &'a [Part],
+    parts: &'a [VoxelPart],
     update: Update,
 }
 

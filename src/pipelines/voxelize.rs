@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
 use super::voxelization;
-use super::{Drawing, Parameters, Pipeline, named};
+use super::{Parameters, Pipeline, PipelineInstance, to_map};
 use fathom_base::parameter::ParamError;
 use fathom_gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
 use fathom_scene::{Camera, Light, Scene, SceneFile};
@@ -18,7 +18,7 @@ fathom_base::settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         /// Pixels of the picture; the volume does not depend on them.
-        view: settings::View = settings::View::default();
+        view: settings::Viewport = settings::Viewport::default();
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         /// Depth of the scene's floor under the resting water.
@@ -33,7 +33,7 @@ fathom_base::settings! {
 }
 
 impl Parameters for Params {
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         self.voxel.consistent()?;
         if self.voxel.update == Update::Once {
             let fault = "voxel.update is once: that leaves a frame of voxelize nothing to do; use every_frame";
@@ -42,8 +42,8 @@ impl Parameters for Params {
         Ok(())
     }
 
-    fn enlarged(&self, factor: u32) -> Option<Self> {
-        Some(Self { view: self.view.enlarged(factor), ..self.clone() })
+    fn upscaled(&self, factor: u32) -> Option<Self> {
+        Some(Self { view: self.view.upscaled(factor), ..self.clone() })
     }
 }
 
@@ -71,7 +71,7 @@ impl Pipeline for Voxelize {
         let (voxel, animation) = (&params.voxel, &params.animation);
         let volumes =
             voxelization::voxelize(resources, &geometry, scene, voxel, animation, volumes)?;
-        let picture = &resources.for_pictures().sized_by(VIEWPORT);
+        let picture = &resources.for_pictures().with_size_hint(VIEWPORT);
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = Shared::new(picture, &view);
         let cubes = view::new(picture, &shared, &volumes, view.size_px.to_array())?;
@@ -80,7 +80,7 @@ impl Pipeline for Voxelize {
     }
 }
 
-impl Drawing for Voxelize {
+impl PipelineInstance for Voxelize {
     fn image(&self) -> &wgpu::Texture {
         &self.picture
     }
@@ -96,7 +96,7 @@ impl Drawing for Voxelize {
             occupied += words.iter().map(|w| f64::from(w.count_ones())).sum::<f64>();
         }
         let sum = |bytes: fn(&Voxels) -> u64| self.volumes.iter().map(bytes).sum::<u64>() as f64;
-        Ok(named([
+        Ok(to_map([
             ("occupied_voxels", occupied),
             ("occupied_share", occupied / sum(|v| v.grid.count())),
             ("bit_volume_bytes", sum(|v| v.bits.size())),

@@ -87,20 +87,20 @@ impl Limit {
 }
 
 /// Reads a run's limits, without those that only earlier versions measured.
-pub(super) fn known<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Ceiling>, D::Error> {
+pub(super) fn read<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Ceiling>, D::Error> {
     let all = Vec::<Value>::deserialize(from)?;
-    all.into_iter().filter_map(parse_known).collect::<Result<_, _>>().map_err(D::Error::custom)
+    all.into_iter().filter_map(parse_if_known).collect::<Result<_, _>>().map_err(D::Error::custom)
 }
 
 /// Reads a stage's share, unless it is of a limit that only earlier versions measured.
-pub(super) fn known_share<'de, D: Deserializer<'de>>(
+pub(super) fn read_share<'de, D: Deserializer<'de>>(
     from: D,
 ) -> Result<Option<CeilingShare>, D::Error> {
     let share = Option::<Value>::deserialize(from)?;
-    share.and_then(parse_known).transpose().map_err(D::Error::custom)
+    share.and_then(parse_if_known).transpose().map_err(D::Error::custom)
 }
 
-fn parse_known<T: DeserializeOwned>(value: Value) -> Option<serde_json::Result<T>> {
+fn parse_if_known<T: DeserializeOwned>(value: Value) -> Option<serde_json::Result<T>> {
     Limit::deserialize(&value["limit"]).ok()?;
     Some(serde_json::from_value(value))
 }
@@ -159,7 +159,7 @@ impl Bounded {
     }
 
     /// The amount of it in declared work.
-    pub fn of(self, work: &Work) -> u64 {
+    pub fn amount(self, work: &Work) -> u64 {
         match self {
             Self::Bytes => work.bytes_read.saturating_add(work.bytes_written),
             Self::Fragments => work.fragments,
@@ -214,10 +214,10 @@ impl CeilingShare {
 impl StageRecord {
     /// How much work of this kind the stage did at least in a frame: as the adapter counted, where it counts the stage's work; else as
     /// declared. None where that is nothing.
-    pub fn least_work_of(&self, kind: Bounded) -> Option<(u64, Basis)> {
+    pub fn min_work_of(&self, kind: Bounded) -> Option<(u64, Basis)> {
         let (amount, basis) = match kind.counter().filter(|_| !self.counters.is_empty()) {
             Some(name) => (self.counters.get(name).copied().unwrap_or(0), Basis::Counted),
-            None => (kind.of(self.least_work.as_ref().unwrap_or(&self.work)), Basis::Declared),
+            None => (kind.amount(self.least_work.as_ref().unwrap_or(&self.work)), Basis::Declared),
         };
         (amount > 0).then_some((amount, basis))
     }
@@ -229,7 +229,7 @@ impl StageRecord {
             return None;
         }
         let shares = Bounded::ALL.iter().filter_map(|kind| {
-            let (amount, basis) = self.least_work_of(*kind)?;
+            let (amount, basis) = self.min_work_of(*kind)?;
             let ceiling = binding(ceilings, *kind, amount)?;
             Some(share(self, ceiling, *kind, amount, basis))
         });
@@ -282,7 +282,7 @@ mod tests {
     fn stage(work: Work) -> StageRecord {
         let interval = Some(Interval { low: 900.0, high: 1100.0 });
         let time = Estimate { median: 1000.0, interval, n: 8 };
-        StageRecord { time, work, ..StageRecord::of("a", Clock::Timestamp, vec![1000.0]) }
+        StageRecord { time, work, ..StageRecord::new("a", Clock::Timestamp, vec![1000.0]) }
     }
 
     #[test]
@@ -347,7 +347,7 @@ mod tests {
     fn limits_of_earlier_versions_are_left_out_and_a_broken_one_is_an_error() {
         let rate = r#""median":1.5,"n":7"#;
         let read = |ceilings: &str| {
-            known(&mut serde_json::Deserializer::from_str(ceilings)).map(|found| found.len())
+            read(&mut serde_json::Deserializer::from_str(ceilings)).map(|found| found.len())
         };
         let old =
             format!(r#"{{"limit":"copy","working_set_bytes":1,"rate":{{{rate}}},"doubling":2}}"#);
@@ -355,6 +355,6 @@ mod tests {
         assert_eq!(read(&format!("[{old},{new},{old}]")).unwrap(), 1);
         assert!(read(r#"[{"limit":"loads2d"}]"#).is_err());
         let share = r#"{"limit":"load2d","format":"r8unorm","work":"texels","share":1}"#;
-        assert_eq!(known_share(&mut serde_json::Deserializer::from_str(share)).unwrap(), None);
+        assert_eq!(read_share(&mut serde_json::Deserializer::from_str(share)).unwrap(), None);
     }
 }

@@ -30,7 +30,7 @@ pub struct SubmitCost {
 }
 
 impl SubmitCost {
-    pub fn of(&self, kind: PassKind) -> f64 {
+    pub fn ns(&self, kind: PassKind) -> f64 {
         match kind {
             PassKind::Compute => self.compute_ns,
             PassKind::Render => self.render_ns,
@@ -48,7 +48,7 @@ impl ClockPlan {
     }
 
     /// Both time every kind of pass by the same clock.
-    pub fn has_clocks_of(&self, other: &Self) -> bool {
+    pub fn has_same_clocks(&self, other: &Self) -> bool {
         let clocks = |plan: &Self| [plan.compute, plan.render, plan.copy];
         clocks(self) == clocks(other)
     }

@@ -1,7 +1,7 @@
 //! Options of a command line.
 
 /// Options of `fathom run` that a cell depends on, and whether each takes a value.
-pub const OF_CELLS: [(&str, bool); 6] = [
+pub const CELL_OPTIONS: [(&str, bool); 6] = [
     ("--set", true),
     ("--axis", true),
     ("--adapter", true),
@@ -11,7 +11,7 @@ pub const OF_CELLS: [(&str, bool); 6] = [
 ];
 
 /// Divides the words of a command line: the given options with their values, and the rest.
-pub fn parted(command: &[String], options: &[(&str, bool)]) -> (Vec<String>, Vec<String>) {
+pub fn split_options(command: &[String], options: &[(&str, bool)]) -> (Vec<String>, Vec<String>) {
     let mut words = command.iter();
     let (mut found, mut rest) = (Vec::new(), Vec::new());
     while let Some(word) = words.next() {
@@ -36,7 +36,7 @@ mod tests {
     fn options_are_found_with_their_values() {
         let line = "fathom run uw-photons --out x --set water.noise=0 --adapter=llvm --resume --unchecked --budget 3";
         let words: Vec<String> = line.split(' ').map(str::to_owned).collect();
-        let (found, rest) = parted(&words, &OF_CELLS);
+        let (found, rest) = split_options(&words, &CELL_OPTIONS);
         assert_eq!(found, ["--set", "water.noise=0", "--adapter=llvm", "--unchecked"]);
         assert_eq!(rest.join(" "), "fathom run uw-photons --out x --resume --budget 3");
     }

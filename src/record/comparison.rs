@@ -13,9 +13,9 @@ use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
 use fathom_base::private;
 
 /// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
-pub const MOST_LAUNCHES: u32 = 200;
+pub const MAX_LAUNCHES: u32 = 200;
 /// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
-pub const MOST_PAIRS: u32 = 1000;
+pub const MAX_PAIRS: u32 = 1000;
 
 /// Launches of a gate by default. The least that an exact test of 44 cells can decide on is 11, if all of them
 /// agree; with 20 a few may stray.
@@ -105,7 +105,7 @@ impl CellId {
     }
 
     pub fn subject(&self) -> CellSubject<'_> {
-        CellSubject::of(self.stage())
+        CellSubject::parse(self.stage())
     }
 
     pub fn as_str(&self) -> &str {
@@ -132,7 +132,7 @@ impl<'a> CellSubject<'a> {
     const ENCODE: &'static str = "encode:";
     const CREATE: &'static str = "create";
 
-    pub fn of(name: &'a str) -> Self {
+    pub fn parse(name: &'a str) -> Self {
         match name.strip_prefix(Self::ENCODE) {
             Some(stage) => Self::Encode(stage),
             None if name == Self::CREATE => Self::Create,
@@ -146,7 +146,7 @@ impl<'a> CellSubject<'a> {
 
     /// Whether a gate measures it. Exact figures are of stages. What the host does is counted where its instructions can be, and
     /// timed elsewhere: on a software driver its time is short beside that of the driver's threads.
-    pub fn is_of(self, gate: Gate, software: bool) -> bool {
+    pub fn is_measured_by(self, gate: Gate, software: bool) -> bool {
         self.is_stage() || gate == Gate::Instructions || (gate == Gate::Time && !software)
     }
 }
@@ -489,7 +489,7 @@ impl Fault {
         cell: Option<CellId>,
         reason: impl Into<String>,
     ) -> Self {
-        let reason = private::words(&reason.into());
+        let reason = private::redact(&reason.into());
         Self { gate, side, cell, launch: None, control: false, absent: false, reason }
     }
 }

@@ -31,7 +31,7 @@ impl ErrorFigure {
 
     /// The same, known before the stage under another name.
     #[must_use]
-    pub fn after(self, before: &str) -> Self {
+    pub fn with_prefix(self, before: &str) -> Self {
         Self { before: Some(before.into()), ..self }
     }
 }

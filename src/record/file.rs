@@ -7,7 +7,7 @@ use itertools::Itertools as _;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-use super::lines::{Damaged, Reading, RecordError, read};
+use super::lines::{Damaged, RecordError, RecordFile, read};
 use super::{Begun, Cell, Measured, NoteKind, Outcome, Record, Run};
 use fathom_base::text;
 
@@ -29,7 +29,7 @@ impl Record {
 }
 
 /// As [`read`]. A file without any sound record is an error that names its damage.
-pub fn read_good(path: &Path) -> Result<Reading, RecordError> {
+pub fn read_good(path: &Path) -> Result<RecordFile, RecordError> {
     let read = read(path)?;
     if read.records.is_empty() { Err(nothing_sound(path, read.damaged)) } else { Ok(read) }
 }
@@ -41,7 +41,7 @@ fn nothing_sound(path: &Path, damaged: Damaged) -> RecordError {
 }
 
 /// Refuses a file of which lines were read and none is sound. An empty file passes: a process that was killed early leaves one.
-pub fn empty_or_sound(path: &Path, read: &Reading) -> Result<(), RecordError> {
+pub fn empty_or_sound(path: &Path, read: &RecordFile) -> Result<(), RecordError> {
     if read.damaged.is_empty() || !read.records.is_empty() {
         return Ok(());
     }
@@ -84,7 +84,7 @@ pub struct OutcomeCounts {
 }
 
 impl OutcomeCounts {
-    pub fn of<'a>(cells: impl IntoIterator<Item = &'a Cell>) -> Self {
+    pub fn count<'a>(cells: impl IntoIterator<Item = &'a Cell>) -> Self {
         let mut counts = Self::default();
         for cell in cells {
             *match &cell.outcome {
@@ -119,12 +119,12 @@ pub fn earlier<'a>(records: &'a [Record], run: &Run) -> BTreeMap<String, Earlier
     let (mut header, mut found) = (None, BTreeMap::new());
     for record in records {
         match record {
-            Record::Run(of) => header = Some(of).filter(|of| of.has_conditions_of(run)),
+            Record::Run(of) => header = Some(of).filter(|of| of.has_same_conditions(run)),
             Record::Cell(cell)
                 if matches!(cell.outcome, Outcome::Measured(_) | Outcome::Skipped { .. }) =>
             {
                 let Some(of) = header else { continue };
-                let is_continued = of.goes_with(run) && of.clocks == run.clocks;
+                let is_continued = of.is_compatible(run) && of.clocks == run.clocks;
                 found.insert(cell.resume_key(), Earlier { cell, is_continued });
             }
             _ => {}
@@ -139,14 +139,14 @@ impl Run {
         serde_json::json!([self.adapter, self.profile, self.shader_checks]).to_string()
     }
 
-    fn has_conditions_of(&self, other: &Run) -> bool {
+    fn has_same_conditions(&self, other: &Run) -> bool {
         self.conditions_key() == other.conditions_key()
     }
 
     /// Samples of both, by the same clocks, go together: they are of one build, machine and driver.
-    pub fn goes_with(&self, other: &Run) -> bool {
+    pub fn is_compatible(&self, other: &Run) -> bool {
         let build = |run: &Run| (run.fathom_version.clone(), run.build.clone());
-        self.has_conditions_of(other)
+        self.has_same_conditions(other)
             && build(self) == build(other)
             && self.conditions.host == other.conditions.host
     }
@@ -165,7 +165,7 @@ impl Begun {
 }
 
 /// Ids of the cells in which more than one process ended: their runs end with a [`Begun`] line.
-pub fn deadly(records: &[Record]) -> BTreeSet<String> {
+pub fn crashed_cells(records: &[Record]) -> BTreeSet<String> {
     let runs = records.chunk_by(|_, next| !matches!(next, Record::Run(_)));
     let ended_in = runs.filter_map(|run| match run.last()? {
         Record::Begun(begun) => Some(begun.id.clone()),

@@ -89,7 +89,7 @@ pub enum SetUp {
 
 /// How far a run is that goes on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Standing {
+pub struct RunProgress {
     /// Since the command began, seconds.
     pub used_s: f64,
     /// For the whole command, seconds.
@@ -110,7 +110,7 @@ pub struct Note {
 
 impl Note {
     pub fn new(kind: NoteKind, text: impl Into<String>) -> Note {
-        Note { kind, text: private::words(&text.into()) }
+        Note { kind, text: private::redact(&text.into()) }
     }
 }
 

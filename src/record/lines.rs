@@ -14,7 +14,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::{Record, SCHEMA};
-use fathom_base::folder::{self, Folder};
+use fathom_base::folder::{self, Dir};
 use fathom_base::input::{LineEnd, limited, next_line};
 use fathom_base::text;
 
@@ -53,10 +53,10 @@ impl Writer {
     /// refuses what was read: then nothing is changed.
     pub fn open<E: From<RecordError>>(
         path: &Path,
-        check: impl FnOnce(&Reading) -> Result<(), E>,
-    ) -> Result<(Self, Reading), E> {
-        let (folder, name) = folder::of(path).map_err(io("open", path))?;
-        let (mut read, mut torn_bytes) = (Reading::default(), 0);
+        check: impl FnOnce(&RecordFile) -> Result<(), E>,
+    ) -> Result<(Self, RecordFile), E> {
+        let (folder, name) = folder::open_parent(path).map_err(io("open", path))?;
+        let (mut read, mut torn_bytes) = (RecordFile::default(), 0);
         match folder.read(name).and_then(|file| limited(file, MAX_FILE)) {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(io("read", path)(error).into()),
@@ -79,7 +79,7 @@ impl Writer {
         if last == *b"\n" { Ok(()) } else { self.file.write_all(b"\n") }
     }
 
-    fn append(path: &Path, folder: &Folder, name: &Path) -> Result<Self, RecordError> {
+    fn append(path: &Path, folder: &Dir, name: &Path) -> Result<Self, RecordError> {
         let file = folder.append(name).map_err(io("open", path))?;
         Ok(Self { path: path.to_owned(), file })
     }
@@ -92,12 +92,12 @@ impl Writer {
 
     /// Appends records, which are on the disk when this returns.
     pub fn write_all(&mut self, records: &[Record]) -> Result<(), RecordError> {
-        self.hand_over(records)?;
+        self.append_unsynced(records)?;
         self.file.sync_data().map_err(io("write", &self.path))
     }
 
     /// Appends records and leaves it to the system when they go to the disk: they outlive this process, but not a loss of power.
-    pub fn hand_over(&mut self, records: &[Record]) -> Result<(), RecordError> {
+    pub fn append_unsynced(&mut self, records: &[Record]) -> Result<(), RecordError> {
         self.file.write_all(&lines(records)?).map_err(io("write", &self.path))
     }
 
@@ -107,7 +107,7 @@ impl Writer {
         let (path, file) = (&self.path, File::open(&self.path));
         let (read, torn_bytes) = sift(path, file.map_err(io("read", path))?)?;
         if read.superseded > 0 && read.damaged.is_empty() && torn_bytes == 0 {
-            let (folder, name) = folder::of(path).map_err(io("open", path))?;
+            let (folder, name) = folder::open_parent(path).map_err(io("open", path))?;
             let bytes = lines(&read.records)?;
             let write = |file: &mut File| file.write_all(&bytes).and_then(|()| file.sync_data());
             folder.write_with(name, write).map_err(io("write", path))?;
@@ -172,7 +172,7 @@ impl fmt::Display for Damaged {
 
 /// What a file held: its sound records that count, how many others of cells are no longer the latest, and how many lines are damaged.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Reading {
+pub struct RecordFile {
     pub records: Vec<Record>,
     pub superseded: usize,
     pub damaged: Damaged,
@@ -180,7 +180,7 @@ pub struct Reading {
 
 /// Reads every record that counts of a file, which may be compressed: see [`stored`]. Damaged lines, the torn last one of a crash among
 /// them, are counted and left out; a line in another format is an error.
-pub fn read(path: &Path) -> Result<Reading, RecordError> {
+pub fn read(path: &Path) -> Result<RecordFile, RecordError> {
     let path = stored(path);
     let source = folder::unpacked(&path, MAX_FILE).map_err(io("read", &path))?;
     sift(&path, source).map(|(read, _)| read)
@@ -219,7 +219,7 @@ pub fn stored(path: &Path) -> PathBuf {
 }
 
 /// The records of a file, and the bytes of a torn last line.
-pub(super) fn sift(path: &Path, source: impl Read) -> Result<(Reading, u64), RecordError> {
+pub(super) fn sift(path: &Path, source: impl Read) -> Result<(RecordFile, u64), RecordError> {
     let mut source = BufReader::with_capacity(READ_AT_ONCE, source);
     let (mut damaged, mut torn_bytes) = (Damaged::default(), 0);
     let (mut all, mut line) = (Vec::new(), Vec::new());
@@ -245,7 +245,7 @@ pub(super) fn sift(path: &Path, source: impl Read) -> Result<(Reading, u64), Rec
     }
     let count = all.len();
     let records = latest(all);
-    Ok((Reading { superseded: count - records.len(), records, damaged }, torn_bytes))
+    Ok((RecordFile { superseded: count - records.len(), records, damaged }, torn_bytes))
 }
 
 /// A record, or why its line is damaged; the error is the format that it says it has where that is another.
@@ -253,7 +253,7 @@ fn parse(line: &[u8], end: LineEnd) -> Result<Result<Record, String>, u64> {
     if end == LineEnd::TooLong {
         return Ok(Err(format!("longer than {} MiB", MAX_LINE >> 20)));
     }
-    let stated = serde_json::from_slice::<Stated>(line).ok();
+    let stated = serde_json::from_slice::<StatedFormat>(line).ok();
     let found = stated.and_then(|stated| stated.schema?.as_u64());
     if let Some(found) = found.filter(|found| *found != u64::from(SCHEMA)) {
         return Err(found);
@@ -267,7 +267,7 @@ fn parse(line: &[u8], end: LineEnd) -> Result<Result<Record, String>, u64> {
 
 /// The format that a line says it has, if it says so.
 #[derive(Deserialize)]
-struct Stated {
+struct StatedFormat {
     #[serde(default)]
     schema: Option<Value>,
 }

@@ -4,7 +4,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-use fathom_base::folder::{self, Folder};
+use fathom_base::folder::{self, Dir};
 
 use super::calendar;
 
@@ -37,7 +37,7 @@ impl FolderLock {
         let unwritable = |source| LockError::Unwritable { folder: path.to_owned(), source };
         let made_folder = !folder::is_there(path);
         let mut file =
-            Folder::make(path).and_then(|folder| folder.append(LOCK)).map_err(unwritable)?;
+            Dir::make(path).and_then(|folder| folder.append(LOCK)).map_err(unwritable)?;
         match file.try_lock() {
             // Its last holder removed the file after it was opened here.
             Ok(()) if !folder::is_there(&path.join(LOCK)) => {}

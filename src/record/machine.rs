@@ -38,13 +38,13 @@ pub struct MachineState {
 
 impl MachineState {
     /// The reasons that make a time doubtful.
-    pub fn harmful(&self) -> impl Iterator<Item = &ThrottleReason> {
+    pub fn harmful_reasons(&self) -> impl Iterator<Item = &ThrottleReason> {
         self.throttle.iter().filter(|reason| reason.is_harmful())
     }
 
     /// Heat, power or something unknown held the clocks down.
     pub fn is_throttled(&self) -> bool {
-        self.harmful().next().is_some()
+        self.harmful_reasons().next().is_some()
     }
 }
 
@@ -115,9 +115,9 @@ pub struct Throttling {
 
 impl Throttling {
     /// None where no sample was taken while clocks were held down.
-    pub fn of(states: &[MachineState]) -> Option<Self> {
+    pub fn from_states(states: &[MachineState]) -> Option<Self> {
         let throttled = states.iter().filter(|state| state.is_throttled()).count();
-        let reasons = states.iter().flat_map(MachineState::harmful).cloned().collect();
+        let reasons = states.iter().flat_map(MachineState::harmful_reasons).cloned().collect();
         (throttled > 0).then_some(Self { samples: states.len(), throttled, reasons })
     }
 }
@@ -148,7 +148,7 @@ mod tests {
         use ThrottleReason::*;
         let harmless = [GpuIdle, ApplicationsClocksSetting, SyncBoost, DisplayClockSetting];
         assert!(!state(&harmless).is_throttled());
-        assert_eq!(Throttling::of(&[state(&harmless), state(&[])]), None);
+        assert_eq!(Throttling::from_states(&[state(&harmless), state(&[])]), None);
         for reason in [SwPowerCap, ThermalLimit, Unspecified, Other("a later word".to_owned())] {
             assert!(state(&[GpuIdle, reason.clone()]).is_throttled(), "{reason:?}");
         }
@@ -158,7 +158,7 @@ mod tests {
     fn samples_are_counted_and_only_harmful_reasons_named() {
         use ThrottleReason::*;
         let states = [state(&[GpuIdle, SwPowerCap]), state(&[GpuIdle]), state(&[ThermalLimit])];
-        let found = Throttling::of(&states).unwrap();
+        let found = Throttling::from_states(&states).unwrap();
         assert_eq!(found.to_string(), "2 of 3 samples (sw power cap, thermal limit)");
     }
 

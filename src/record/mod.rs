@@ -42,17 +42,17 @@ pub use error_figure::ErrorFigure;
 pub use fathom_base::machine::Machine;
 pub use fathom_base::quiet::Conditions;
 pub use fathom_base::statistics::{Estimate, Interval};
-pub use file::{Earlier, OutcomeCounts, deadly, earlier, empty_or_sound, read_good};
+pub use file::{Earlier, OutcomeCounts, crashed_cells, earlier, empty_or_sound, read_good};
 pub use kinds::{
     ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
-    RejectedFrames, Rejection, SetUp, ShaderChecks, Standing, Surrounding,
+    RejectedFrames, Rejection, RunProgress, SetUp, ShaderChecks, Surrounding,
 };
-pub use lines::{Damaged, Reading, RecordError, Writer, read, stored};
+pub use lines::{Damaged, RecordError, RecordFile, Writer, read, stored};
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
 pub use mask::{Feature, Mask};
 pub use params::Params;
-pub use shard::{MOST_SHARDS, Part};
+pub use shard::{MAX_SHARDS, Part};
 
 /// The clock that each kind of pass is timed by.
 pub type Clocks = BTreeMap<PassKind, Clock>;
@@ -112,7 +112,7 @@ pub struct Run {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loop_turns: Option<LoopTurns>,
     /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
-    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "ceilings::known")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "ceilings::read")]
     pub ceilings: Vec<Ceiling>,
     /// The part of a run that this is; absent where it is the whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -456,7 +456,7 @@ pub struct StageRecord {
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "ceilings::known_share"
+        deserialize_with = "ceilings::read_share"
     )]
     pub ceiling: Option<CeilingShare>,
 }
@@ -469,7 +469,7 @@ fn current_name<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> 
 
 impl StageRecord {
     /// A stage with these samples, of which nothing else is known.
-    pub fn of(stage: impl Into<String>, clock: Clock, samples_ns: Vec<f64>) -> Self {
+    pub fn new(stage: impl Into<String>, clock: Clock, samples_ns: Vec<f64>) -> Self {
         Self {
             stage: stage.into(),
             clock,

@@ -34,7 +34,7 @@ mod tests {
     use serde::{Deserialize, Serialize};
 
     #[derive(Serialize, Deserialize)]
-    struct Figures {
+    struct NanFigures {
         #[serde(default, deserialize_with = "super::map")]
         errors: BTreeMap<String, f64>,
         #[serde(deserialize_with = "super::number")]
@@ -43,16 +43,16 @@ mod tests {
 
     #[test]
     fn what_is_no_number_survives_its_line() {
-        let figures = Figures {
+        let figures = NanFigures {
             errors: BTreeMap::from([("a".into(), 0.25), ("b".into(), f64::NAN)]),
             measured: f64::INFINITY,
         };
         let line = serde_json::to_string(&figures).unwrap();
         assert_eq!(line, r#"{"errors":{"a":0.25,"b":null},"measured":null}"#);
-        let read: Figures = serde_json::from_str(&line).unwrap();
+        let read: NanFigures = serde_json::from_str(&line).unwrap();
         assert_eq!(read.errors["a"], 0.25);
         assert!(read.errors["b"].is_nan() && read.measured.is_nan());
-        let empty: Figures = serde_json::from_str(r#"{"measured":1}"#).unwrap();
+        let empty: NanFigures = serde_json::from_str(r#"{"measured":1}"#).unwrap();
         assert!(empty.errors.is_empty() && empty.measured == 1.0);
     }
 }

@@ -10,9 +10,9 @@ use thiserror::Error;
 use super::calendar;
 use crate as record;
 use crate::{
-    Compared, FolderLock, LockError, PictureKind, Profile, Reading, Record, RecordError, Writer,
+    Compared, FolderLock, LockError, PictureKind, Profile, Record, RecordError, RecordFile, Writer,
 };
-use fathom_base::folder::{self, Folder};
+use fathom_base::folder::{self, Dir};
 use fathom_base::text;
 
 /// Where runs go that are not told where.
@@ -59,7 +59,7 @@ pub enum FolderKind {
 }
 
 impl FolderKind {
-    fn of(record: &Record) -> Self {
+    fn from_record(record: &Record) -> Self {
         match record {
             Record::Comparison(_) => Self::Comparison,
             Record::Run(_)
@@ -71,10 +71,10 @@ impl FolderKind {
     }
 
     /// Refuses records that this cannot be continued with.
-    fn check(self, path: &Path, read: &Reading) -> Result<(), OutputError> {
+    fn check(self, path: &Path, read: &RecordFile) -> Result<(), OutputError> {
         record::empty_or_sound(path, read)?;
         let path = path.to_owned();
-        if read.records.iter().any(|record| Self::of(record) != self) {
+        if read.records.iter().any(|record| Self::from_record(record) != self) {
             return Err(OutputError::OtherKind { kind: self, path });
         }
         let header = |record: &Record| matches!(record, Record::Comparison(Compared::Header(_)));
@@ -110,14 +110,14 @@ impl OutputFolder {
 
 /// A folder that no other process writes to while this is held. Nothing is written yet, and where nothing will be, a new folder goes.
 #[derive(Debug)]
-pub struct Taken {
+pub struct LockedFolder {
     output: OutputFolder,
     lock: FolderLock,
 }
 
-impl Taken {
+impl LockedFolder {
     /// Takes a folder that holds nothing that was measured.
-    pub fn free(folder: &Path) -> Result<Self, OutputError> {
+    pub fn lock_free(folder: &Path) -> Result<Self, OutputError> {
         let taken = Self::take(folder)?;
         if taken.output.is_occupied() {
             return Err(OutputError::Occupied { path: folder.to_owned() });
@@ -126,13 +126,15 @@ impl Taken {
     }
 
     /// Takes the folder that is asked for, else one in [`DEFAULT_FOLDER`] that is named after this and the time.
-    pub fn asked(folder: Option<&Path>, name: &str) -> Result<Self, OutputError> {
+    pub fn lock_named(folder: Option<&Path>, name: &str) -> Result<Self, OutputError> {
         let fresh = || format!("{name}-{}", calendar::compact(Timestamp::now()));
-        Self::free(&folder.map_or_else(|| Path::new(DEFAULT_FOLDER).join(fresh()), Path::to_owned))
+        Self::lock_free(
+            &folder.map_or_else(|| Path::new(DEFAULT_FOLDER).join(fresh()), Path::to_owned),
+        )
     }
 
     /// Takes a folder whose measurement is to be continued.
-    pub fn measured(folder: &Path, kind: FolderKind) -> Result<Self, OutputError> {
+    pub fn lock_measured(folder: &Path, kind: FolderKind) -> Result<Self, OutputError> {
         let output = OutputFolder { folder: folder.to_owned() };
         if !folder::is_there(&output.records()) && !output.is_occupied() {
             return Err(OutputError::NothingToResume { kind, path: output.folder });
@@ -150,11 +152,11 @@ impl Taken {
     }
 
     /// Opens the records.
-    pub fn open(self, kind: FolderKind) -> Result<Held, OutputError> {
+    pub fn open(self, kind: FolderKind) -> Result<Recording, OutputError> {
         let path = self.output.records();
         let (writer, read) = Writer::open(&path, |read| kind.check(&path, read))?;
         let damage = read.damaged.notice(&path);
-        Ok(Held { output: self.output, writer, before: read.records, damage, lock: self.lock })
+        Ok(Recording { output: self.output, writer, before: read.records, damage, lock: self.lock })
     }
 
     pub fn folder(&self) -> &Path {
@@ -164,7 +166,7 @@ impl Taken {
 
 /// The folder of a run or a comparison, with its records open to be continued.
 #[derive(Debug)]
-pub struct Held {
+pub struct Recording {
     pub output: OutputFolder,
     pub writer: Writer,
     /// Records that were there.
@@ -174,7 +176,7 @@ pub struct Held {
     pub lock: FolderLock,
 }
 
-impl Held {
+impl Recording {
     /// Makes the folder and tries that it can be written to, before anything is measured. Without
     /// `asked` a new folder under [`DEFAULT_FOLDER`] is named after the adapter, the profile and the time.
     pub fn create(
@@ -182,7 +184,7 @@ impl Held {
         adapter: &str,
         profile: Profile,
     ) -> Result<Self, OutputError> {
-        Self::of_run(Taken::asked(asked, &name(adapter, profile))?)
+        Self::open_run(LockedFolder::lock_named(asked, &name(adapter, profile))?)
     }
 
     /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`].
@@ -192,10 +194,10 @@ impl Held {
         let nothing =
             || OutputError::NothingToResume { kind: FolderKind::Run, path: default.to_owned() };
         let folder = folder.ok_or_else(nothing)?;
-        Self::of_run(Taken::measured(&folder, FolderKind::Run)?)
+        Self::open_run(LockedFolder::lock_measured(&folder, FolderKind::Run)?)
     }
 
-    fn of_run(taken: Taken) -> Result<Self, OutputError> {
+    fn open_run(taken: LockedFolder) -> Result<Self, OutputError> {
         let path = taken.output.folder.clone();
         probe(&taken.output).map_err(|source| OutputError::Unwritable { path, source })?;
         taken.open(FolderKind::Run)
@@ -215,7 +217,7 @@ pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String 
 
 /// Makes the folder of pictures and writes a file the size of several records, which leaves nothing.
 fn probe(output: &OutputFolder) -> std::io::Result<()> {
-    let folder = Folder::make(&output.folder)?;
+    let folder = Dir::make(&output.folder)?;
     folder.make_beneath(PICTURES)?;
     let mut file = tempfile::tempfile_in(folder.path())?;
     file.write_all(&vec![0; PROBE_BYTES])?;
@@ -245,7 +247,7 @@ fn latest(parent: &Path) -> Option<PathBuf> {
 
 /// Records that can be read are those of a comparison.
 fn is_comparison(path: &Path) -> bool {
-    let first = |read: Reading| read.records.first().map(FolderKind::of);
+    let first = |read: RecordFile| read.records.first().map(FolderKind::from_record);
     record::read(path).ok().and_then(first) == Some(FolderKind::Comparison)
 }
 
@@ -254,8 +256,8 @@ mod tests {
     use super::*;
     use crate::LOCK;
 
-    fn create(folder: &Path) -> Result<Held, OutputError> {
-        Held::create(Some(folder), "gpu", Profile::Quick)
+    fn create(folder: &Path) -> Result<Recording, OutputError> {
+        Recording::create(Some(folder), "gpu", Profile::Quick)
     }
 
     const END: &str = "{\"record\":\"end\",\"measuring_wall_s\":1.0,\"measured_gpu_s\":1.0,\"set_up_s\":1.0,\
@@ -270,7 +272,7 @@ mod tests {
     fn a_folder_with_compressed_records_is_not_written_to() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("records.jsonl.gz"), "packed").unwrap();
-        for refused in [create(folder.path()), Held::resume(Some(folder.path()))] {
+        for refused in [create(folder.path()), Recording::resume(Some(folder.path()))] {
             let error = refused.unwrap_err().to_string();
             assert!(error.contains("records.jsonl.gz is compressed and only read"), "{error}");
         }
@@ -285,13 +287,13 @@ mod tests {
         let error = create(folder.path()).unwrap_err().to_string();
         let me = format!("in use by process {} (`", std::process::id());
         assert!(error.contains(&me), "{error}");
-        let error = Held::resume(Some(folder.path())).unwrap_err().to_string();
+        let error = Recording::resume(Some(folder.path())).unwrap_err().to_string();
         assert!(error.contains(&me), "{error}");
         std::fs::write(held.output.records(), END).unwrap();
         drop(held);
         let error = create(folder.path()).unwrap_err();
         assert!(error.to_string().contains("--resume"), "{error}");
-        let held = Held::resume(Some(folder.path())).unwrap();
+        let held = Recording::resume(Some(folder.path())).unwrap();
         assert_eq!(held.before.len(), 1);
         assert_eq!(held.damage, None);
         drop(held);
@@ -303,13 +305,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let typo = folder.path().join("typo");
         for path in [folder.path(), &typo] {
-            let error = Held::resume(Some(path)).unwrap_err();
+            let error = Recording::resume(Some(path)).unwrap_err();
             assert!(matches!(error, OutputError::NothingToResume { .. }), "{error}");
         }
         assert!(files(folder.path()).is_empty());
         // A run that was killed before its first record.
         drop(create(&typo).unwrap());
-        Held::resume(Some(&typo)).unwrap();
+        Recording::resume(Some(&typo)).unwrap();
         create(&typo).unwrap();
     }
 
@@ -326,7 +328,7 @@ mod tests {
             let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
             std::os::unix::fs::symlink(target, out.join(name)).unwrap();
             create(&out).unwrap_err();
-            Held::resume(Some(&out)).unwrap_err();
+            Recording::resume(Some(&out)).unwrap_err();
             assert!(out.join(name).is_symlink(), "{name}");
         }
         assert_eq!(files(&precious), ["a"]);
@@ -347,12 +349,12 @@ mod tests {
             records.set_modified(std::time::SystemTime::now() - ago).unwrap();
         }
         std::fs::create_dir(folder("compared")).unwrap();
-        let compared = Taken::free(&folder("compared")).unwrap();
+        let compared = LockedFolder::lock_free(&folder("compared")).unwrap();
         let mut held = compared.open(FolderKind::Comparison).unwrap();
         held.writer.write(&Record::Comparison(Compared::Header(Default::default()))).unwrap();
         drop(held);
         assert_eq!(latest(parent.path()), Some(folder("a")));
-        let error = Held::resume(Some(&folder("compared"))).unwrap_err().to_string();
+        let error = Recording::resume(Some(&folder("compared"))).unwrap_err().to_string();
         assert!(error.contains("holds no run but other records"), "{error}");
     }
 

@@ -9,26 +9,26 @@ use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value};
 
 /// Groups that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
-const MOST_KNOWN: usize = 1 << 14;
+const MAX_KNOWN: usize = 1 << 14;
 
 /// A tree of parameters. Each of its groups is held once, by whatever number of cells.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(from = "Map<String, Value>")]
 #[schemars(with = "Map<String, Value>", inline, description = "")]
-pub struct Params(Box<[Group]>);
+pub struct Params(Box<[ParamGroup]>);
 
 /// Its name and value.
-type Group = Arc<(String, Value)>;
+type ParamGroup = Arc<(String, Value)>;
 
 thread_local! {
     /// By name and JSON.
-    static KNOWN: RefCell<HashMap<String, Group>> = RefCell::default();
+    static KNOWN: RefCell<HashMap<String, ParamGroup>> = RefCell::default();
 }
 
-fn shared(name: String, value: Value) -> Group {
+fn shared(name: String, value: Value) -> ParamGroup {
     let key = format!("{name}:{value}");
     KNOWN.with_borrow_mut(|known| {
-        if known.len() > MOST_KNOWN {
+        if known.len() > MAX_KNOWN {
             known.clear();
         }
         known.entry(key).or_insert_with(|| Arc::new((name, value))).clone()
@@ -49,7 +49,7 @@ impl Params {
     }
 
     pub fn to_map(&self) -> Map<String, Value> {
-        self.0.iter().map(|group| Group::unwrap_or_clone(group.clone())).collect()
+        self.0.iter().map(|group| ParamGroup::unwrap_or_clone(group.clone())).collect()
     }
 }
 
@@ -93,9 +93,9 @@ mod tests {
 
     #[test]
     fn no_more_groups_are_remembered_than_may_be() {
-        for n in 0..3 * MOST_KNOWN {
+        for n in 0..3 * MAX_KNOWN {
             let _ = Params::from(json!({ "a": n }));
         }
-        assert!(KNOWN.with_borrow(HashMap::len) <= MOST_KNOWN + 1);
+        assert!(KNOWN.with_borrow(HashMap::len) <= MAX_KNOWN + 1);
     }
 }

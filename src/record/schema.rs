@@ -24,8 +24,8 @@ impl LineKind {
     /// The schema of such a line.
     pub fn schema(self) -> Value {
         match self {
-            Self::Record => of::<Record>("Record of fathom"),
-            Self::Worker => of::<Exchange>("Worker protocol of fathom"),
+            Self::Record => schema_of::<Record>("Record of fathom"),
+            Self::Worker => schema_of::<Exchange>("Worker protocol of fathom"),
         }
     }
 
@@ -35,7 +35,7 @@ impl LineKind {
     }
 }
 
-fn of<T: JsonSchema>(title: &str) -> Value {
+fn schema_of<T: JsonSchema>(title: &str) -> Value {
     let mut schema = SchemaSettings::draft2020_12().into_generator().into_root_schema_for::<T>();
     schema.insert("title".to_owned(), title.into());
     schema.into()

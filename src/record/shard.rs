@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Most shards of a run.
-pub const MOST_SHARDS: u32 = 1 << 10;
+pub const MAX_SHARDS: u32 = 1 << 10;
 /// Bits of a round's number that are left to the rounds of one shard.
 const ROUND_BITS: u32 = 22;
 
@@ -17,17 +17,17 @@ const ROUND_BITS: u32 = 22;
 )]
 pub struct Part {
     /// Which one, from 1.
-    #[schemars(range(min = 1, max = MOST_SHARDS))]
+    #[schemars(range(min = 1, max = MAX_SHARDS))]
     pub number: u32,
     /// Of how many.
-    #[schemars(range(min = 1, max = MOST_SHARDS))]
+    #[schemars(range(min = 1, max = MAX_SHARDS))]
     pub of: u32,
 }
 
 impl Part {
     /// There is such a part: records of anyone may say otherwise.
-    pub fn is_one(self) -> bool {
-        1 <= self.number && self.number <= self.of && self.of <= MOST_SHARDS
+    pub fn is_valid(self) -> bool {
+        1 <= self.number && self.number <= self.of && self.of <= MAX_SHARDS
     }
 
     /// The first number of its rounds. No round of another shard of the same run has this number or one after it, so that
@@ -47,11 +47,11 @@ impl FromStr for Part {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let error = || format!("a shard is I/N, such as 3/8, with 1 ≤ I ≤ N ≤ {MOST_SHARDS}");
+        let error = || format!("a shard is I/N, such as 3/8, with 1 ≤ I ≤ N ≤ {MAX_SHARDS}");
         let (number, of) = text.split_once('/').ok_or_else(error)?;
         let [number, of] = [number, of].map(|n| n.trim().parse::<u32>().map_err(|_| error()));
         let part = Self { number: number?, of: of? };
-        part.is_one().then_some(part).ok_or_else(error)
+        part.is_valid().then_some(part).ok_or_else(error)
     }
 }
 
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn rounds_of_two_shards_never_meet() {
-        let of = MOST_SHARDS;
+        let of = MAX_SHARDS;
         let first = |number| Part { number, of }.first_round();
         assert_eq!(first(1), 0);
         for number in 1..of {

@@ -75,7 +75,7 @@ fn a_torn_last_line_is_skipped_counted_and_cut_off_on_appending() {
     let told = reading.damaged.to_string();
     assert!(told.starts_with("line 2: torn off while it was written"), "{told}");
     append(&path, &skipped("b"));
-    let both = Reading { records: vec![skipped("a"), skipped("b")], ..Reading::default() };
+    let both = RecordFile { records: vec![skipped("a"), skipped("b")], ..RecordFile::default() };
     assert_eq!(read(&path).unwrap(), both);
     // A whole line that only lacks its end is no damage.
     fs::write(&path, whole).unwrap();
@@ -191,7 +191,7 @@ fn the_latest_record_of_a_cell_counts_and_the_others_go_when_the_run_ends() {
     assert_eq!(open(&path).compact().unwrap(), expected);
     assert_eq!(
         read(&path).unwrap(),
-        Reading { records: expected.clone().into(), ..Reading::default() }
+        RecordFile { records: expected.clone().into(), ..RecordFile::default() }
     );
     // A cell of other conditions is no newer version.
     let other = [header(Profile::Paper), measured("a", 1, true)];
@@ -249,7 +249,7 @@ fn resume_keys_ignore_the_order_of_parameters_but_not_their_values() {
 #[test]
 fn a_stage_that_was_renamed_is_read_under_its_new_name() {
     let named = |name: &str| {
-        let written = StageRecord::of(name, Clock::Host, vec![1.0, 2.0]);
+        let written = StageRecord::new(name, Clock::Host, vec![1.0, 2.0]);
         let text = serde_json::to_string(&written).unwrap();
         serde_json::from_str::<StageRecord>(&text).unwrap().stage
     };

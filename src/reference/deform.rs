@@ -34,8 +34,7 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Of an object with this mesh at rest.
-    pub fn of(rest: &Mesh, motion: Motion, cycles: f64, amplitude: f64) -> Self {
+    pub fn new(rest: &Mesh, motion: Motion, cycles: f64, amplitude: f64) -> Self {
         let bounds = rest.bounds();
         let (foot_m, height_m) = (bounds.center().with_y(bounds.min.y), bounds.size().y);
         Self { motion, foot_m, height_m, cycles, amplitude }

@@ -15,8 +15,7 @@ impl Image {
         Image { width, height, data: vec![value; width as usize * height as usize] }
     }
 
-    /// An image of the values that `value` gives for each pixel.
-    pub fn of(size: [u32; 2], mut value: impl FnMut(u32, u32) -> f64) -> Image {
+    pub fn from_fn(size: [u32; 2], mut value: impl FnMut(u32, u32) -> f64) -> Image {
         let [width, height] = size;
         Image { width, height, data: pixels(size).map(|(x, y)| value(x, y)).collect() }
     }
@@ -53,8 +52,7 @@ impl Image {
         (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y)
     }
 
-    /// Value at a pixel.
-    pub fn at(&self, (x, y): (u32, u32)) -> f64 {
+    pub fn get(&self, (x, y): (u32, u32)) -> f64 {
         self.clamped(x.into(), y.into())
     }
 
@@ -82,10 +80,10 @@ impl Image {
 
     /// Means over square blocks of `side` pixels; those at the right and at the bottom are smaller where the image ends.
     #[must_use]
-    pub fn in_blocks(&self, side: u32) -> Image {
+    pub fn downsample(&self, side: u32) -> Image {
         let size = self.size().map(|pixels| pixels.div_ceil(side));
         let within = |block: u32, end: u32| block * side..((block + 1) * side).min(end);
-        Image::of(size, |x, y| {
+        Image::from_fn(size, |x, y| {
             let (columns, rows) = (within(x, self.width), within(y, self.height));
             let count = columns.len() * rows.len();
             let values = iproduct!(rows, columns).map(|(y, x)| self.clamped(x.into(), y.into()));
@@ -104,7 +102,7 @@ impl Image {
 
 /// The pixel of an image that a texel of another over the same view belongs to: the one its middle falls into, the right and
 /// lower one on a border.
-pub fn behind(texel: [f64; 2], own: [u32; 2], size: [u32; 2]) -> [i64; 2] {
+pub fn pixel_behind(texel: [f64; 2], own: [u32; 2], size: [u32; 2]) -> [i64; 2] {
     [0, 1].map(|k| {
         let place = (texel[k] + 0.5) * f64::from(size[k]) / f64::from(own[k]);
         ((place + 1e-3) as i64).min(i64::from(size[k]) - 1)

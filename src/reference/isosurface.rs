@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::bisected;
 use super::media::interpolated;
-use super::occlusion::{Attenuation, cosine_direction, over_hemisphere, tangent_frame};
+use super::occlusion::{Obscurity, cosine_direction, over_hemisphere, tangent_frame};
 use fathom_scene::Volume;
 
 /// Where the values of a field, interpolated trilinearly, reach one from outside.
@@ -41,7 +41,7 @@ impl FieldSurface<'_> {
     }
 
     /// The first point of the surface on a ray from outside.
-    pub fn seen(&self, origin: DVec3, direction: DVec3, most_m: f64) -> Option<DVec3> {
+    pub fn first_hit(&self, origin: DVec3, direction: DVec3, most_m: f64) -> Option<DVec3> {
         let distance_m = self.entry(origin, direction, most_m)?;
         (distance_m > 0.0).then(|| origin + direction * distance_m)
     }
@@ -63,7 +63,7 @@ impl FieldSurface<'_> {
         &self,
         p: DVec3,
         r_max_m: f64,
-        attenuation: Attenuation,
+        attenuation: Obscurity,
         rays: u32,
     ) -> Option<f64> {
         let normal = self.normal(p)?;
@@ -72,7 +72,7 @@ impl FieldSurface<'_> {
             return None;
         }
         Some(over_hemisphere(normal, rays, |direction| {
-            Some(attenuation.at(self.entry(origin, direction, r_max_m)? / r_max_m))
+            Some(attenuation.value_at(self.entry(origin, direction, r_max_m)? / r_max_m))
         }))
     }
 }
@@ -139,7 +139,7 @@ pub fn occlusion(
     position: DVec3,
     normal: DVec3,
     r_max_m: f64,
-    attenuation: Attenuation,
+    attenuation: Obscurity,
     side: u32,
 ) -> f64 {
     let frame = tangent_frame(normal);
@@ -151,7 +151,7 @@ pub fn occlusion(
             let direction = frame * cosine_direction([place(i % side), place(i / side)]);
             first(solids, origin, direction)
         })
-        .map(|(_, distance_m)| attenuation.at(distance_m / r_max_m))
+        .map(|(_, distance_m)| attenuation.value_at(distance_m / r_max_m))
         .sum();
     sum / f64::from(side * side)
 }

@@ -13,23 +13,23 @@ use fathom_scene::Volume;
 const INTERVALS: u32 = 4096;
 
 /// Light that gets through a view ray's points below which no more of them are looked at.
-const LEAST_THROUGH: f64 = 1.0 / 256.0;
+const MIN_THROUGH: f64 = 1.0 / 256.0;
 
 /// What the values of a field mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Law {
+pub enum FieldLaw {
     /// Opacities of a voxel of this edge, metres.
     Opacity { voxel_m: f64 },
     /// Shares of this attenuation coefficient, 1/m.
     Beer { density_per_m: f64 },
 }
 
-impl Law {
+impl FieldLaw {
     /// Attenuation coefficient of a value, 1/m: σ̂ = −ln(1 − V) / v_s (VAO §5.2.3), or Beer's σ.
     pub fn attenuation(self, value: f64) -> f64 {
         match self {
-            Law::Opacity { voxel_m } => -(1.0 - value).ln() / voxel_m,
-            Law::Beer { density_per_m } => density_per_m * value,
+            FieldLaw::Opacity { voxel_m } => -(1.0 - value).ln() / voxel_m,
+            FieldLaw::Beer { density_per_m } => density_per_m * value,
         }
     }
 
@@ -41,8 +41,8 @@ impl Law {
 
 /// Rays through a field, as VAO §5.2.2 marches them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Marching {
-    pub law: Law,
+pub struct FieldMarch {
+    pub law: FieldLaw,
     pub r_max_m: f64,
     pub samples: u32,
     /// Whether samples of falling value count for nothing (Eq. 4).
@@ -51,7 +51,7 @@ pub struct Marching {
     pub threshold: f64,
 }
 
-impl Marching {
+impl FieldMarch {
     /// γ along a ray: Eq. 5, with Eq. 6 for opacities. `jitter` is the place of each sample in its stratum, 0 … 1. The march
     /// does not end where the obscurance comes near 1.
     pub fn obscurance(&self, field: &Volume, origin: DVec3, direction: DVec3, jitter: f64) -> f64 {
@@ -104,7 +104,7 @@ impl Marching {
                 sum += weight * occlusion(position);
                 through -= weight;
             }
-            if through < LEAST_THROUGH {
+            if through < MIN_THROUGH {
                 break;
             }
         }
@@ -155,7 +155,7 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
         return 0.0;
     }
     let place = (position - field.origin_m) / field.spacing_m;
-    trilinear(field.cells, place, |cell| f64::from(field.at(cell)))
+    trilinear(field.cells, place, |cell| f64::from(field.value(cell)))
 }
 
 /// Trilinear between the centres of cells, at a place in cells from the corner; up to half a cell inside the border the border's.
@@ -179,7 +179,7 @@ pub fn in_ball(sigma_per_m: f64, radius_m: f64, r_max_m: f64) -> f64 {
 
 /// A_P at a depth under the plane face of a homogeneous half-space: half the directions lead inwards, the others leave after
 /// depth / cosine.
-pub fn under_face(sigma_per_m: f64, depth_m: f64, r_max_m: f64) -> f64 {
+pub fn occlusion_under_face(sigma_per_m: f64, depth_m: f64, r_max_m: f64) -> f64 {
     let inwards = 1.0 - transmittance(sigma_per_m, r_max_m);
     let outwards =
         mean_over_unit(|cosine| 1.0 - transmittance(sigma_per_m, r_max_m.min(depth_m / cosine)));
@@ -188,7 +188,7 @@ pub fn under_face(sigma_per_m: f64, depth_m: f64, r_max_m: f64) -> f64 {
 
 /// A of Eq. 3 where the attenuation coefficient is `sigma_per_m` at the point and falls by `fall_per_m2` for each metre along
 /// the normal, down to 0: ∫₀¹ 2μ (1 − exp(−τ(μ))) dμ with τ the line integral of σ in closed form.
-pub fn on_ramp(sigma_per_m: f64, fall_per_m2: f64, r_max_m: f64) -> f64 {
+pub fn occlusion_on_ramp(sigma_per_m: f64, fall_per_m2: f64, r_max_m: f64) -> f64 {
     mean_over_unit(|cosine| {
         let fall = fall_per_m2 * cosine;
         let length = r_max_m.min(sigma_per_m / fall);

@@ -4,11 +4,11 @@
 //! refracts exactly and casts rays; where the GPU approximates, this module has the closed form. It
 //! imports nothing of the rest of the crate but [`scene`](fathom_scene).
 
+pub mod cache;
 pub mod deform;
 pub mod godray;
 pub mod image;
 pub mod isosurface;
-pub mod kept;
 pub mod media;
 pub mod occlusion;
 pub mod optics;

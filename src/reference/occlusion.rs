@@ -12,20 +12,20 @@ const ORIGIN_OFFSET: f64 = 1e-3;
 
 /// ρ(d), the obscurity of an occluder at a distance, on (0, r_max]; 0 beyond. VAO Eq. 1 leaves it open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Attenuation {
+pub enum Obscurity {
     /// 1 − d / r_max.
     Linear,
     /// 1.
     Hard,
 }
 
-impl Attenuation {
+impl Obscurity {
     /// ρ at a distance of `share` × r_max.
-    pub fn at(self, share: f64) -> f64 {
+    pub fn value_at(self, share: f64) -> f64 {
         match self {
             _ if share > 1.0 => 0.0,
-            Attenuation::Linear => 1.0 - share,
-            Attenuation::Hard => 1.0,
+            Obscurity::Linear => 1.0 - share,
+            Obscurity::Hard => 1.0,
         }
     }
 }
@@ -39,13 +39,13 @@ pub fn occlusion(
     position: DVec3,
     normal: DVec3,
     r_max_m: f64,
-    attenuation: Attenuation,
+    attenuation: Obscurity,
     rays: u32,
 ) -> f64 {
     let origin = position + normal * (ORIGIN_OFFSET * r_max_m);
     over_hemisphere(normal, rays, |direction| {
         let hit = tracer.cast(origin, direction, 0.0, r_max_m)?;
-        Some(attenuation.at(hit.distance_m / r_max_m))
+        Some(attenuation.value_at(hit.distance_m / r_max_m))
     })
 }
 
@@ -113,7 +113,7 @@ pub fn tangent_frame(n: DVec3) -> DMat3 {
 
 /// Occlusion at `share` × r_max from an endless wall that stands on an endless floor. Directions that meet the wall within
 /// r_max have a component of at least k = `share` towards it; on the unit disc of VAO Eq. 1's cosine weight that is a segment.
-pub fn beside_wall(share: f64, attenuation: Attenuation) -> f64 {
+pub fn occlusion_beside_wall(share: f64, attenuation: Obscurity) -> f64 {
     if share >= 1.0 {
         return 0.0;
     }
@@ -122,8 +122,8 @@ pub fn beside_wall(share: f64, attenuation: Attenuation) -> f64 {
     let segment = k.acos() - k * root;
     let distances = 2.0 * k * (((1.0 + root) / k).ln() - root);
     match attenuation {
-        Attenuation::Hard => segment / PI,
-        Attenuation::Linear => (segment - distances) / PI,
+        Obscurity::Hard => segment / PI,
+        Obscurity::Linear => (segment - distances) / PI,
     }
 }
 
@@ -153,7 +153,7 @@ mod tests {
         let near = at(&[1.0, 0.3, 0.5], 1.5);
         assert!((near - 0.3 * (1.0 - 1.0 / 2.25)).abs() < 1e-3, "{near}");
         let opaque = at(&[1.0, 1.0, 1.0], 1.5);
-        let hard = occlusion(&tracer, DVec3::ZERO, DVec3::Y, 1.5, Attenuation::Hard, RAYS);
+        let hard = occlusion(&tracer, DVec3::ZERO, DVec3::Y, 1.5, Obscurity::Hard, RAYS);
         assert_eq!(opaque, hard);
     }
 }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::image::Image;
 use super::optics::transmittance;
-use super::photons::{Landed, entering, land};
+use super::photons::{Landed, entering_share, land};
 use super::random::pcg;
 use super::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Water};
@@ -46,7 +46,7 @@ pub struct PhotonMap {
 }
 
 /// A photon in the picture.
-struct Seen {
+struct Deposit {
     pixel: [u32; 2],
     flux_w: f64,
     irradiance: f64,
@@ -59,17 +59,16 @@ impl PhotonMap {
         PhotonMap { halves: [first.0, second.0], landed_w: [first.1, second.1] }
     }
 
-    /// The same in blocks of pixels.
     #[must_use]
-    pub fn in_blocks(&self, side: u32) -> PhotonMap {
-        let halves = self.halves.each_ref().map(|half| half.in_blocks(side));
+    pub fn downsample(&self, side: u32) -> PhotonMap {
+        let halves = self.halves.each_ref().map(|half| half.downsample(side));
         PhotonMap { halves, landed_w: self.landed_w }
     }
 
     /// The mean of both halves.
     pub fn irradiance(&self) -> Image {
         let [a, b] = &self.halves;
-        Image::of(a.size(), |x, y| {
+        Image::from_fn(a.size(), |x, y| {
             let [a, b] = [a, b].map(|half| half.clamped(x.into(), y.into()));
             0.5 * (a + b)
         })
@@ -92,14 +91,14 @@ impl Lighting<'_> {
         let mut landed_w = 0.0;
         for first in (0..columns).step_by(ROWS_AT_ONCE as usize) {
             let rows = first..(first + ROWS_AT_ONCE).min(columns);
-            let of_row = |row: u32| -> Vec<Seen> {
+            let of_row = |row: u32| -> Vec<Deposit> {
                 let photons = (0..columns).filter_map(|column| {
                     let place = stratified([column, row], columns, seed);
-                    self.seen(&rays, size, place, f64::from(columns).powi(-2))
+                    self.project(&rays, size, place, f64::from(columns).powi(-2))
                 });
                 photons.collect()
             };
-            let seen: Vec<Vec<Seen>> = rows.into_par_iter().map(of_row).collect();
+            let seen: Vec<Vec<Deposit>> = rows.into_par_iter().map(of_row).collect();
             for photon in seen.iter().flatten() {
                 let [x, y] = photon.pixel.map(i64::from);
                 irradiance.add(x, y, photon.irradiance);
@@ -110,7 +109,13 @@ impl Lighting<'_> {
     }
 
     /// What a photon through a place of the light's screen, with this share of its area, brings to the picture.
-    fn seen(&self, rays: &PixelRays, size: [u32; 2], place: [f64; 2], share: f64) -> Option<Seen> {
+    fn project(
+        &self,
+        rays: &PixelRays,
+        size: [u32; 2],
+        place: [f64; 2],
+        share: f64,
+    ) -> Option<Deposit> {
         let landing = land(self.frame, self.water, self.tracer, place);
         let landed = landing.landed()?;
         let point = landed.hit.position;
@@ -130,7 +135,7 @@ impl Lighting<'_> {
         let along = sight.dot(self.camera.direction());
         let pixel = self.pixel_area(size) * at.w.powi(2);
         let irradiance = flux_w * hit.normal.dot(sight).abs() / (pixel * along);
-        Some(Seen { pixel: [at.x_px as u32, at.y_px as u32], flux_w, irradiance })
+        Some(Deposit { pixel: [at.x_px as u32, at.y_px as u32], flux_w, irradiance })
     }
 
     /// Flux that the light's whole screen would bring if all of its photons were like this one, W.
@@ -142,7 +147,7 @@ impl Lighting<'_> {
             LightKind::Point => self.cosine(incident).powi(3),
         };
         let emitted = self.intensity_w_sr * self.frame.grid_area * spread;
-        let passed = entering(self.water, landed.entry.normal, incident);
+        let passed = entering_share(self.water, landed.entry.normal, incident);
         emitted * passed * transmittance(self.water.attenuation_per_m, landed.hit.distance_m)
     }
 
@@ -179,7 +184,7 @@ mod tests {
     const ASPECT: f64 = 1.0;
     const DEPTH_M: f64 = 3.0;
 
-    struct Stand {
+    struct TestScene {
         light: Light,
         water: Water,
         camera: Camera,
@@ -188,11 +193,11 @@ mod tests {
 
     /// Flat water over a level floor, seen at a slant by a turned camera. The light's middle is that of the view, on the floor: all that is
     /// seen is lit.
-    fn stand() -> Stand {
+    fn fixture() -> TestScene {
         let floor = Mesh::parallelogram(DVec3::Y * -DEPTH_M, DVec3::Z * 40.0, DVec3::X * 40.0);
         let mut camera = Camera::new([0.5, 3.0, 4.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
         camera.up = [0.2, 1.0, 0.1];
-        Stand {
+        TestScene {
             light: Light { direction: [0.4, -1.0, 0.25], half_extent_m: 6.0, ..Light::default() },
             water: Water { amplitude_m: 0.0, half_size_m: [40.0; 2], ..Water::default() },
             camera,
@@ -200,7 +205,7 @@ mod tests {
         }
     }
 
-    impl Stand {
+    impl TestScene {
         fn map(&self, size: [u32; 2], columns: u32) -> PhotonMap {
             let bounds =
                 Bounds { min: DVec3::new(-40.0, -3.0, -40.0), max: DVec3::new(40.0, 1.0, 40.0) };
@@ -236,7 +241,7 @@ mod tests {
     #[test]
     fn a_level_floor_has_the_closed_form_in_every_pixel() {
         for fresnel in [false, true] {
-            let mut stand = stand();
+            let mut stand = fixture();
             stand.water.fresnel = fresnel;
             let map = stand.map(SIZE, 350);
             let off = furthest(&map, stand.closed_form());
@@ -247,7 +252,7 @@ mod tests {
 
     #[test]
     fn a_point_light_has_the_inverse_square_without_refraction() {
-        let mut stand = stand();
+        let mut stand = fixture();
         stand.light.kind = LightKind::Point;
         stand.light.position_m = [1.0, 5.0, -0.5];
         (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
@@ -274,7 +279,7 @@ mod tests {
 
     #[test]
     fn halves_tell_the_noise_and_it_falls_with_photons() {
-        let mut stand = stand();
+        let mut stand = fixture();
         stand.water = Water { half_size_m: [40.0; 2], ..Water::default() };
         let size = SIZE.map(|side| 2 * side);
         let dense = stand.map(size, 500).irradiance();
@@ -297,7 +302,7 @@ mod tests {
 
     #[test]
     fn the_flux_in_view_is_irradiance_times_area() {
-        let stand = stand();
+        let stand = fixture();
         let map = stand.map(SIZE, 200);
         let matrix = stand.camera.view_projection(ASPECT);
         let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
@@ -322,11 +327,11 @@ mod tests {
 
     #[test]
     fn what_is_hidden_or_lit_from_behind_gets_nothing() {
-        let mut stand = stand();
+        let mut stand = fixture();
         // Seen from below: the floor's lit side is turned away.
         stand.camera = Camera::new([0.5, -6.0, 1.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
         assert_eq!(stand.map(SIZE, 100).irradiance().sum(), 0.0);
-        let mut hidden = self::stand();
+        let mut hidden = self::fixture();
         let eye = hidden.camera.position() + hidden.camera.direction();
         hidden.objects.push(Object::new("lid", Mesh::parallelogram(eye, DVec3::Z, DVec3::X)));
         assert_eq!(hidden.map(SIZE, 100).irradiance().sum(), 0.0);

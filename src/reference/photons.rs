@@ -42,7 +42,7 @@ impl PhotonGrid {
         let (cells, side) = (u64::from(self.cells), u64::from(self.side));
         let (cell, sub) = (index / (side * side), index % (side * side));
         let fine = [(cell % cells) * side + sub % side, (cell / cells) * side + sub / side];
-        let strewn = strewn(fine.map(|k| k as u32));
+        let strewn = random_jitter(fine.map(|k| k as u32));
         [0, 1].map(|axis| {
             let mut share = self.offset[axis];
             if self.jitter > 0.0 {
@@ -55,7 +55,7 @@ impl PhotonGrid {
 }
 
 /// Two repeatable numbers in [0, 1) for a finer cell: the halves of 32 well mixed bits.
-fn strewn([x, y]: [u32; 2]) -> [f64; 2] {
+fn random_jitter([x, y]: [u32; 2]) -> [f64; 2] {
     let bits = pcg(pcg(x).wrapping_add(y));
     [bits >> 16, bits & 0xffff].map(|half| f64::from(half) / 65_536.0)
 }
@@ -126,7 +126,7 @@ pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) 
 
 /// Share of an unpolarised photon's energy that enters the water with it: Fresnel's, or all of it where that is left aside. Both
 /// directions have unit length.
-pub fn entering(water: &Water, normal: DVec3, incident: DVec3) -> f64 {
+pub fn entering_share(water: &Water, normal: DVec3, incident: DVec3) -> f64 {
     if !water.fresnel {
         return 1.0;
     }

@@ -6,7 +6,7 @@ use glam::DVec3;
 use itertools::iproduct;
 
 use super::optics::transmittance;
-use super::photons::entering;
+use super::photons::entering_share;
 use fathom_scene::{Light, LightFrame, LightKind, Water};
 
 /// Rounding at the border of a rectangle, as a share of its side.
@@ -45,13 +45,13 @@ impl Face {
 
 /// A rectangle: its corner of the map's first texel, and its sides to the right and downwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rectangle {
+pub struct FaceRect {
     pub corner: DVec3,
     pub right: DVec3,
     pub down: DVec3,
 }
 
-impl Rectangle {
+impl FaceRect {
     pub fn area_m2(&self) -> f64 {
         self.right.cross(self.down).length()
     }
@@ -61,14 +61,13 @@ impl Rectangle {
         [self.right, self.down].map(|side| (point - self.corner).dot(side) / side.length_squared())
     }
 
-    pub fn at(&self, [u, v]: [f64; 2]) -> DVec3 {
+    pub fn point(&self, [u, v]: [f64; 2]) -> DVec3 {
         self.corner + u * self.right + v * self.down
     }
 }
 
-/// Where a ray meets a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Met {
+pub struct FaceHit {
     pub face: Face,
     pub position: DVec3,
     pub distance_m: f64,
@@ -89,7 +88,7 @@ pub struct Basin {
 
 impl Basin {
     /// The pool below the water's rectangle; its walls reach up to the highest wave.
-    pub fn of(water: &Water, floor_depth_m: f64) -> Basin {
+    pub fn from_water(water: &Water, floor_depth_m: f64) -> Basin {
         Basin {
             center_m: water.center_m,
             half_size_m: water.half_size_m,
@@ -98,19 +97,19 @@ impl Basin {
         }
     }
 
-    pub fn rectangle(&self, face: Face) -> Rectangle {
+    pub fn rectangle(&self, face: Face) -> FaceRect {
         let [x, z] = [0, 1].map(|axis| {
             let (center, half) = (self.center_m[axis], self.half_size_m[axis]);
             [center - half, center + half]
         });
         let (along_x, along_z) = (DVec3::X * (x[1] - x[0]), DVec3::Z * (z[1] - z[0]));
-        let wall = |x: f64, z: f64, right: DVec3| Rectangle {
+        let wall = |x: f64, z: f64, right: DVec3| FaceRect {
             corner: DVec3::new(x, self.top_m, z),
             right,
             down: DVec3::NEG_Y * (self.top_m + self.floor_depth_m),
         };
         match face {
-            Face::Floor => Rectangle {
+            Face::Floor => FaceRect {
                 corner: DVec3::new(x[0], -self.floor_depth_m, z[0]),
                 right: along_x,
                 down: along_z,
@@ -123,12 +122,12 @@ impl Basin {
     }
 
     /// The first face that a ray from within meets.
-    pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Met> {
+    pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<FaceHit> {
         let met = Face::ALL.into_iter().filter_map(|face| self.meet_face(face, origin, direction));
         met.min_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
     }
 
-    fn meet_face(&self, face: Face, origin: DVec3, direction: DVec3) -> Option<Met> {
+    fn meet_face(&self, face: Face, origin: DVec3, direction: DVec3) -> Option<FaceHit> {
         let rectangle = self.rectangle(face);
         let towards = -direction.dot(face.normal());
         let distance_m = (origin - rectangle.corner).dot(face.normal()) / towards;
@@ -137,11 +136,11 @@ impl Basin {
         let hit = towards > 0.0
             && distance_m >= -BORDER
             && rectangle.place(position).into_iter().all(inside);
-        hit.then_some(Met { face, position, distance_m })
+        hit.then_some(FaceHit { face, position, distance_m })
     }
 
     /// Number of the texel of the map that a point of a face lies in, face by face, row by row.
-    pub fn texel(&self, met: &Met, texels: u32) -> usize {
+    pub fn texel(&self, met: &FaceHit, texels: u32) -> usize {
         let last = f64::from(texels - 1);
         let [column, row] = self
             .rectangle(met.face)
@@ -163,7 +162,7 @@ pub fn middle_photon_w(light: &Light, frame: &LightFrame, photons: u32) -> f64 {
 }
 
 /// What a photon that enters the water at `entry` has of that, after `path_m` of water.
-pub fn share_left(frame: &LightFrame, water: &Water, entry: DVec3, path_m: f64) -> f64 {
+pub fn flux_share(frame: &LightFrame, water: &Water, entry: DVec3, path_m: f64) -> f64 {
     let (incident, spread) = match frame.kind {
         LightKind::Directional => (frame.forward, 1.0),
         LightKind::Point => {
@@ -171,26 +170,26 @@ pub fn share_left(frame: &LightFrame, water: &Water, entry: DVec3, path_m: f64) 
             (incident, incident.dot(frame.forward).powi(3))
         }
     };
-    let entering = entering(water, water.normal(entry.x, entry.z), incident);
+    let entering = entering_share(water, water.normal(entry.x, entry.z), incident);
     spread * entering * transmittance(water.attenuation_per_m, path_m)
 }
 
 /// Irradiance counted texel by texel, W/m². Photons that rounding may send to one of several texels are kept apart.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Counted {
-    pub sure: Vec<f64>,
+pub struct FluxCounts {
+    pub certain: Vec<f64>,
     /// All of these that may lie in the texel.
-    pub unsure: Vec<f64>,
+    pub uncertain: Vec<f64>,
     /// Flux of all, W.
     pub flux_w: f64,
     /// Flux of the photons that are not sure, W.
     pub unsure_w: f64,
 }
 
-impl Counted {
-    pub fn new(texels: u32) -> Counted {
+impl FluxCounts {
+    pub fn new(texels: u32) -> FluxCounts {
         let none = vec![0.0; Face::ALL.len() * (texels as usize).pow(2)];
-        Counted { sure: none.clone(), unsure: none, flux_w: 0.0, unsure_w: 0.0 }
+        FluxCounts { certain: none.clone(), uncertain: none, flux_w: 0.0, unsure_w: 0.0 }
     }
 
     /// Adds a photon by its ray. `flux_w` gives its flux after a way in metres. Its start is known up to `rounding_m`.
@@ -214,18 +213,18 @@ impl Counted {
         others.dedup();
         self.flux_w += flux_w;
         if others.is_empty() {
-            self.sure[middle] += irradiance(met.face, flux_w);
+            self.certain[middle] += irradiance(met.face, flux_w);
             return;
         }
         self.unsure_w += flux_w;
         for (texel, face) in others.into_iter().chain([(middle, met.face)]) {
-            self.unsure[texel] += irradiance(face, flux_w);
+            self.uncertain[texel] += irradiance(face, flux_w);
         }
     }
 
     /// How far a texel's value lies outside of what the photons allow.
-    pub fn off(&self, texel: usize, value: f64) -> f64 {
-        let (low, high) = (self.sure[texel], self.sure[texel] + self.unsure[texel]);
+    pub fn deviation(&self, texel: usize, value: f64) -> f64 {
+        let (low, high) = (self.certain[texel], self.certain[texel] + self.uncertain[texel]);
         (low - value).max(value - high).max(0.0)
     }
 }

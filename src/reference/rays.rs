@@ -33,7 +33,7 @@ struct Triangle {
 }
 
 /// Distance, index of the triangle and barycentric weights of a hit.
-type Found = (f64, usize, [f64; 3]);
+type NearestHit = (f64, usize, [f64; 3]);
 
 /// All triangles of a scene in a bounding volume hierarchy.
 pub struct Tracer {
@@ -47,12 +47,12 @@ impl Tracer {
     /// Builds the hierarchy over valid meshes. Triangles without area are left out: no ray hits them.
     pub fn new(objects: &[Object]) -> Tracer {
         let triangles: Vec<Triangle> =
-            objects.iter().enumerate().flat_map(|(number, object)| of(object, number)).collect();
+            objects.iter().enumerate().flat_map(|(number, object)| split(object, number)).collect();
         let corners = triangles.iter().flat_map(|t| t.corners);
         let size_m = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
         let padding = BOX_PADDING * size_m;
         let boxes = triangles.iter().map(|triangle| {
-            let Bounds { min, max } = Bounds::around(triangle.corners);
+            let Bounds { min, max } = Bounds::from_points(triangle.corners);
             let [min, max] = [min - padding, max + padding].map(|p| p.to_array().into());
             Leaf { bounds: Aabb::with_bounds(min, max), node: 0 }
         });
@@ -67,8 +67,8 @@ impl Tracer {
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
     pub fn cast(&self, origin: DVec3, direction: DVec3, min_m: f64, max_m: f64) -> Option<Hit> {
         let inverse = direction.recip();
-        let axes = Axes::of(direction);
-        let mut best: Option<Found> = None;
+        let axes = Axes::along(direction);
+        let mut best: Option<NearestHit> = None;
         let mut open = Vec::with_capacity(64);
         if !self.hierarchy.nodes.is_empty() {
             open.push((0.0, 0));
@@ -102,7 +102,7 @@ impl Tracer {
     }
 
     /// What is at a distance, in a triangle, at these barycentric weights.
-    fn hit(&self, origin: DVec3, direction: DVec3, (distance_m, shape, w): Found) -> Hit {
+    fn hit(&self, origin: DVec3, direction: DVec3, (distance_m, shape, w): NearestHit) -> Hit {
         let t = &self.triangles[shape];
         let [a, b, c] = t.corners;
         let plane = (b - a).cross(c - a).normalize();
@@ -160,7 +160,7 @@ fn push_nearest_last(children: [Option<(f64, usize)>; 2], open: &mut Vec<(f64, u
 }
 
 /// The triangles of an object that have an area.
-fn of(object: &Object, number: usize) -> impl Iterator<Item = Triangle> {
+fn split(object: &Object, number: usize) -> impl Iterator<Item = Triangle> {
     let mesh = &object.mesh;
     mesh.indices.chunks_exact(3).enumerate().filter_map(move |(index, vertices)| {
         let corners = mesh.triangle(index);
@@ -181,7 +181,7 @@ struct Axes {
 }
 
 impl Axes {
-    fn of(direction: DVec3) -> Axes {
+    fn along(direction: DVec3) -> Axes {
         let d = direction;
         let z = d.abs().max_position();
         let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);

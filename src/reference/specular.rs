@@ -20,15 +20,14 @@ pub struct Ray {
     pub index: f64,
 }
 
-/// Where light ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum End {
+pub enum PathEnd {
     /// On a surface that is neither mirror nor glass.
     Diffuse(Hit),
     /// It meets nothing more.
     Leaves(Ray),
     /// It has met mirrors and glass as often as it may, and is on one of them.
-    OnItsWay,
+    StillBouncing,
 }
 
 /// Surfaces that light meets.
@@ -64,7 +63,7 @@ impl Surfaces<'_> {
     }
 
     /// The ray behind a hit on a mirror or on glass; none on other surfaces. Totally reflected light stays before the surface.
-    pub fn onward(&self, ray: &Ray, hit: &Hit) -> Option<Ray> {
+    pub fn continue_ray(&self, ray: &Ray, hit: &Hit) -> Option<Ray> {
         let material = &self.objects[hit.object].material;
         let normal = hit.shading_normal;
         let mirrored = ray.direction - 2.0 * ray.direction.dot(normal) * normal;
@@ -83,19 +82,19 @@ impl Surfaces<'_> {
     }
 
     /// Follows a ray past at most so many mirrors and surfaces of glass.
-    pub fn follow(&self, ray: Ray, bounces: u32) -> End {
+    pub fn trace(&self, ray: Ray, bounces: u32) -> PathEnd {
         let mut ray = ray;
         for _ in 0..=bounces {
-            let Some(hit) = self.meet(&ray) else { return End::Leaves(ray) };
-            let Some(behind) = self.onward(&ray, &hit) else { return End::Diffuse(hit) };
+            let Some(hit) = self.meet(&ray) else { return PathEnd::Leaves(ray) };
+            let Some(behind) = self.continue_ray(&ray, &hit) else { return PathEnd::Diffuse(hit) };
             ray = behind;
         }
-        End::OnItsWay
+        PathEnd::StillBouncing
     }
 
     /// The ray behind its first so many mirrors and surfaces of glass; none where it meets fewer.
-    pub fn behind(&self, ray: Ray, surfaces: u32) -> Option<Ray> {
-        (0..surfaces).try_fold(ray, |ray, _| self.onward(&ray, &self.meet(&ray)?))
+    pub fn ray_behind(&self, ray: Ray, surfaces: u32) -> Option<Ray> {
+        (0..surfaces).try_fold(ray, |ray, _| self.continue_ray(&ray, &self.meet(&ray)?))
     }
 }
 
@@ -127,13 +126,13 @@ mod tests {
             let direction = DVec3::new(sin_i, -cos_i, 0.0);
             let surfaces = surfaces(&tracer, &objects);
             let start = surfaces.ray(DVec3::new(0.0, 1.0, 0.0) - direction, direction);
-            let out = surfaces.behind(start, 2).unwrap();
+            let out = surfaces.ray_behind(start, 2).unwrap();
             let sin_t = sin_i / GLASS;
             let expected = DVec3::new(sin_t / (1.0 - sin_t * sin_t).sqrt(), 0.0, 0.0);
             assert!(out.origin.distance(expected) < 1e-9, "{degrees}");
             assert!(out.direction.distance(direction) < 1e-9 && out.index == 1.0);
-            assert!(matches!(surfaces.follow(start, 2), End::Leaves(ray) if ray == out));
-            assert_eq!(surfaces.follow(start, 1), End::OnItsWay);
+            assert!(matches!(surfaces.trace(start, 2), PathEnd::Leaves(ray) if ray == out));
+            assert_eq!(surfaces.trace(start, 1), PathEnd::StillBouncing);
         }
     }
 
@@ -145,10 +144,12 @@ mod tests {
             surfaces.ray(DVec3::new(0.0, 3.0, 0.0), DVec3::new(0.6, -0.8, 0.0))
         };
         let open = surfaces(&tracer, &objects);
-        let End::Diffuse(hit) = open.follow(ray(&open), 1) else { panic!("it meets the ceiling") };
+        let PathEnd::Diffuse(hit) = open.trace(ray(&open), 1) else {
+            panic!("it meets the ceiling")
+        };
         assert!(hit.position.distance(DVec3::new(2.25 + 3.0, 4.0, 0.0)) < 1e-9);
         let low = Surfaces { top_m: 3.5, ..open };
-        assert!(matches!(low.follow(ray(&low), 1), End::Leaves(_)));
+        assert!(matches!(low.trace(ray(&low), 1), PathEnd::Leaves(_)));
     }
 
     #[test]
@@ -160,7 +161,7 @@ mod tests {
             let (sin_i, cos_i) = degrees.to_radians().sin_cos();
             let direction = DVec3::new(sin_i, -cos_i, 0.0);
             let ray = Ray { index: GLASS, ..surfaces.ray(DVec3::new(0.0, 0.5, 0.0), direction) };
-            let behind = surfaces.behind(ray, 1).unwrap();
+            let behind = surfaces.ray_behind(ray, 1).unwrap();
             assert_eq!(behind.index == 1.0, leaves);
             assert_eq!(behind.direction.y < 0.0, leaves);
         }

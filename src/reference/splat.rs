@@ -8,19 +8,19 @@ use super::optics::transmittance;
 /// Point size in pixels as a function of the distance from the viewer, `s = a + b / d` (UW §3.3):
 /// `s_max` at the near plane and `s_min` at the far plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PointSize {
+pub struct SplatSize {
     a_px: f64,
     b_px_m: f64,
 }
 
-impl PointSize {
-    pub fn new(min_px: f64, max_px: f64, near_m: f64, far_m: f64) -> PointSize {
+impl SplatSize {
+    pub fn new(min_px: f64, max_px: f64, near_m: f64, far_m: f64) -> SplatSize {
         let slope = (max_px - min_px) / (far_m - near_m);
-        PointSize { a_px: max_px - far_m * slope, b_px_m: near_m * far_m * slope }
+        SplatSize { a_px: max_px - far_m * slope, b_px_m: near_m * far_m * slope }
     }
 
     /// Side of the splat in pixels at a distance from the viewer in metres.
-    pub fn at(&self, distance_m: f64) -> f64 {
+    pub fn size_px(&self, distance_m: f64) -> f64 {
         self.a_px + self.b_px_m / distance_m
     }
 }

@@ -12,7 +12,7 @@ use fathom_scene::{Grid, Object};
 pub const BORDERLINE_VOXELS: f64 = 1e-4;
 
 /// Steps per pixel to which a rasterizer may round corners: the fewest that Vulkan allows (`subPixelPrecisionBits` 4).
-pub const FEWEST_SUBPIXELS: u32 = 16;
+pub const MIN_SUBPIXELS: u32 = 16;
 
 /// A triangle's corners, metres or voxels.
 pub type Corners = [DVec3; 3];
@@ -122,7 +122,7 @@ pub fn errors(found: &[bool], gaps: &[f64]) -> VoxelErrors {
 
 /// What sampling says of a voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Sampled {
+pub enum Cover {
     /// No sample falls into it.
     Never,
     /// One may, within the rasterizer's sub-pixel steps and the borderline band.
@@ -133,8 +133,8 @@ pub enum Sampled {
 
 /// The voxels of a rasterization along each of `axes` (0 x, 1 y, 2 z): a voxel for each pixel whose centre a triangle covers, at
 /// the triangle's depth there. VAO §4.1 and §4.2 take all three axes. `subpixels`: steps per pixel to which corners may be rounded.
-pub fn sampled(triangles: &[Corners], grid: &Grid, axes: &[usize], subpixels: u32) -> Vec<Sampled> {
-    let mut found = vec![Sampled::Never; grid.count() as usize];
+pub fn sampled(triangles: &[Corners], grid: &Grid, axes: &[usize], subpixels: u32) -> Vec<Cover> {
+    let mut found = vec![Cover::Never; grid.count() as usize];
     for corners in triangles {
         let corners = corners.map(|corner| grid.to_cells(corner));
         for &axis in axes {
@@ -145,17 +145,17 @@ pub fn sampled(triangles: &[Corners], grid: &Grid, axes: &[usize], subpixels: u3
 }
 
 /// Voxels on which a rasterization and what sampling says of it disagree.
-pub fn disagreements(found: &[bool], sampled: &[Sampled]) -> u64 {
-    let wrong = |(found, sampled): (&bool, &Sampled)| match sampled {
-        Sampled::Never => *found,
-        Sampled::Maybe => false,
-        Sampled::Surely => !found,
+pub fn disagreements(found: &[bool], sampled: &[Cover]) -> u64 {
+    let wrong = |(found, sampled): (&bool, &Cover)| match sampled {
+        Cover::Never => *found,
+        Cover::Maybe => false,
+        Cover::Surely => !found,
     };
     found.iter().zip(sampled).filter(|pair| wrong(*pair)).count() as u64
 }
 
 /// One triangle's samples along one axis.
-fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found: &mut [Sampled]) {
+fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found: &mut [Cover]) {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
     // Rounding moves corners, and edges with them, by half a step at most in each of two directions.
@@ -164,7 +164,7 @@ fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found
     let blur = BORDERLINE_VOXELS + slope * step;
     for cell in flat(corners, axis, grid) {
         let center = DVec2::new(f64::from(cell[u]) + 0.5, f64::from(cell[v]) + 0.5);
-        let inside = inside_by(corners.map(|corner| DVec2::new(corner[u], corner[v])), center);
+        let inside = edge_distance(corners.map(|corner| DVec2::new(corner[u], corner[v])), center);
         if inside < -step {
             continue;
         }
@@ -180,7 +180,7 @@ fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found
             let mut cell = cell;
             cell[axis] = slice as u32;
             let state = &mut found[grid.index(cell) as usize];
-            *state = (*state).max(if sure { Sampled::Surely } else { Sampled::Maybe });
+            *state = (*state).max(if sure { Cover::Surely } else { Cover::Maybe });
         }
     }
 }
@@ -193,7 +193,7 @@ fn flat(corners: &Corners, axis: usize, grid: &Grid) -> impl Iterator<Item = [u3
 }
 
 /// How far inside a triangle a point lies: its distance from the nearest edge's line, negative outside; NaN without area.
-fn inside_by([a, b, c]: [DVec2; 3], point: DVec2) -> f64 {
+fn edge_distance([a, b, c]: [DVec2; 3], point: DVec2) -> f64 {
     let turn = (b - a).perp_dot(c - a).signum();
     let distance = |a: DVec2, b: DVec2| {
         let along = b - a;
@@ -263,7 +263,7 @@ mod tests {
         let slanted = corners(&grid, [[1.1, 2.2, 3.3], [14.7, 5.1, 9.9], [4.2, 13.3, 7.1]]);
         let touched = gaps(&[slanted], &grid);
         let sampled = sampled(&[slanted], &grid, &[0, 1, 2], 256);
-        let found: Vec<bool> = sampled.iter().map(|s| *s == Sampled::Surely).collect();
+        let found: Vec<bool> = sampled.iter().map(|s| *s == Cover::Surely).collect();
         let errors = errors(&found, &touched);
         assert!(found.iter().filter(|found| **found).count() > 50);
         assert_eq!(errors.false_positives, 0);

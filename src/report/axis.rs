@@ -23,7 +23,7 @@ impl ScaleKind {
 }
 
 /// Least height of a scale that does not begin at 0, as a share of its values.
-const LEAST_SPREAD: f64 = 0.05;
+const MIN_SPREAD: f64 = 0.05;
 
 /// Data are mapped to an axis' own coordinate: the value, or its decimal logarithm.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,11 +74,11 @@ impl Scale {
         })
     }
 
-    /// A linear scale about the values, of at least [`LEAST_SPREAD`] of them, so that the eye does not take noise for steps; none
+    /// A linear scale about the values, of at least [`MIN_SPREAD`] of them, so that the eye does not take noise for steps; none
     /// where no value is finite.
     pub fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;
-        let least = LEAST_SPREAD * low.abs().max(high.abs());
+        let least = MIN_SPREAD * low.abs().max(high.abs());
         let missing = (least - (high - low)).max(0.0) / 2.0;
         Some(Scale::linear(low - missing, high + missing))
     }
@@ -87,7 +87,7 @@ impl Scale {
     pub fn spanning(kind: ScaleKind, values: [f64; 2]) -> Option<Scale> {
         let mut scale = Scale::fit(kind, values)?;
         let [low, high] = values;
-        (scale.low, scale.high) = (scale.at(low)?, scale.at(high)?);
+        (scale.low, scale.high) = (scale.coord(low)?, scale.coord(high)?);
         scale.ticks.retain(|tick| (scale.low..=scale.high).contains(tick));
         Some(scale)
     }
@@ -129,7 +129,7 @@ impl Scale {
     }
 
     /// The coordinate of a value; none for what a logarithm cannot show.
-    pub fn at(&self, value: f64) -> Option<f64> {
+    pub fn coord(&self, value: f64) -> Option<f64> {
         let coordinate = match self.kind {
             ScaleKind::Linear => value,
             ScaleKind::Log => value.log10(),

@@ -3,7 +3,7 @@
 
 use serde_json::{Map, Value, json};
 
-use super::{Exporter, OfRun, ReportView, RunExporter, Written};
+use super::{Exporter, Report, RunExporter, RunFormat, Timing};
 use fathom_base::text;
 use fathom_record::{Cell, Estimate, Interval};
 
@@ -11,8 +11,8 @@ pub const EXPORTER: RunExporter = Exporter {
     name: "bencher",
     about: "Bencher Metric Format: median and interval of each frame and stage, bytes of each cell",
     file: "bencher.json",
-    written: Written::OnRequest,
-    export: OfRun::One(export),
+    written: Timing::OnRequest,
+    export: RunFormat::One(export),
 };
 
 /// `EXPERIMENT CELL`.
@@ -21,7 +21,7 @@ fn cell_name(cell: &Cell) -> String {
 }
 
 /// A stage's time below the clock's resolution is left out.
-fn export(view: &ReportView<'_>) -> String {
+fn export(view: &Report<'_>) -> String {
     let mut all = Map::new();
     let mut add = |name: String, measure: &str, metric: Value| {
         all.entry(name).or_insert_with(|| json!({}))[measure] = metric;
@@ -56,7 +56,7 @@ mod tests {
     use fathom_record::Record;
 
     fn exported(records: &[Record]) -> Value {
-        serde_json::from_str(&export(&ReportView::new(records, None))).unwrap()
+        serde_json::from_str(&export(&Report::new(records, None))).unwrap()
     }
 
     /// A cell whose name is another's and a stage's is not that stage.
@@ -84,7 +84,7 @@ mod tests {
             assert!(metric.iter().all(|(name, v)| known.contains(&&**name) && v.is_number()));
             assert!(metric.contains_key("value"));
         }
-        let view = ReportView::new(&records, None);
+        let view = Report::new(&records, None);
         let (cell, measured) = view.timed().next().unwrap();
         let frame = &all[cell_name(cell)]["latency"];
         assert_eq!(frame["value"], json!(measured.frame.untimed.median));

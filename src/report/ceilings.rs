@@ -2,32 +2,31 @@
 
 use itertools::Itertools;
 
-use super::ReportView;
+use super::Report;
 use fathom_record::ceilings::CeilingShare;
 use fathom_record::{Cell, StageRecord};
 
-/// A stage of a cell and the ceiling that binds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bound<'a> {
+pub struct BoundStage<'a> {
     pub cell: &'a Cell,
     pub stage: &'a StageRecord,
     pub share: &'a CeilingShare,
 }
 
 /// Limits of the adapter were measured.
-pub fn are_measured(view: &ReportView<'_>) -> bool {
+pub fn are_measured(view: &Report<'_>) -> bool {
     view.runs.iter().any(|run| !run.ceilings.is_empty())
 }
 
 /// Every stage of every cell that has a share of a ceiling, the nearest to its ceiling first.
-pub fn bounds<'a>(view: &ReportView<'a>) -> Vec<Bound<'a>> {
+pub fn bounds<'a>(view: &Report<'a>) -> Vec<BoundStage<'a>> {
     let stages = view
         .timed()
         .flat_map(|(cell, measured)| measured.stages.iter().map(move |stage| (cell, stage)));
     let bound = |(cell, stage): (&'a Cell, &'a StageRecord)| {
-        Some(Bound { cell, stage, share: stage.ceiling.as_ref()? })
+        Some(BoundStage { cell, stage, share: stage.ceiling.as_ref()? })
     };
-    let by_share = |a: &Bound<'_>, b: &Bound<'_>| b.share.share.total_cmp(&a.share.share);
+    let by_share = |a: &BoundStage<'_>, b: &BoundStage<'_>| b.share.share.total_cmp(&a.share.share);
     stages.filter_map(bound).sorted_by(by_share).collect()
 }
 

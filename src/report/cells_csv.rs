@@ -7,7 +7,7 @@ use std::io::{self, Write};
 
 use itertools::Itertools;
 
-use super::{Entry, Exporter, OfRun, ReportView, RunExporter, Written};
+use super::{Exporter, Report, RunCell, RunExporter, RunFormat, Timing};
 use fathom_base::statistics::{mean, median, quantile};
 use fathom_base::text;
 use fathom_experiments::label_text;
@@ -20,30 +20,29 @@ pub const EXPORTER: RunExporter = Exporter {
     name: "csv",
     about: "one row per cell and stage",
     file: "cells.csv",
-    written: Written::WithEveryReport,
-    export: OfRun::Rows(export),
+    written: Timing::WithEveryReport,
+    export: RunFormat::Rows(export),
 };
 
-/// What stands in a column.
-type OfCell = fn(&Entry<'_>) -> String;
-type OfStage = fn(&StageRecord) -> String;
-type OfFrame = fn(&Measured) -> String;
+type CellField = fn(&RunCell<'_>) -> String;
+type StageField = fn(&StageRecord) -> String;
+type FrameField = fn(&Measured) -> String;
 
-const OF_CELL: [(&str, OfCell); 10] = [
+const CELL_COLUMNS: [(&str, CellField); 10] = [
     ("experiment", |entry| entry.cell.experiment.clone()),
     ("cell", |entry| entry.cell.cell.clone()),
     ("pipeline", |entry| entry.cell.pipeline.clone()),
     ("scene", |entry| entry.cell.scene.clone()),
     ("stand_ins", |entry| entry.cell.stand_ins.join("; ")),
-    ("adapter", |entry| of_run(entry, |run| run.adapter.title())),
-    ("software", |entry| of_run(entry, |run| run.adapter.software.to_string())),
-    ("profile", |entry| of_run(entry, |run| run.profile.to_string())),
+    ("adapter", |entry| run_field(entry, |run| run.adapter.title())),
+    ("software", |entry| run_field(entry, |run| run.adapter.software.to_string())),
+    ("profile", |entry| run_field(entry, |run| run.profile.to_string())),
     ("status", |entry| status(entry)[0].to_owned()),
     ("reason", |entry| status(entry)[1].to_owned()),
 ];
 
 /// No figures of a time that is below the resolution, which then stands alone.
-const OF_STAGE: [(&str, OfStage); 13] = [
+const STAGE_COLUMNS: [(&str, StageField); 13] = [
     ("stage", |stage| stage.stage.to_string()),
     ("clock", |stage| {
         let clock = serde_json::to_value(stage.clock).unwrap_or_default();
@@ -69,7 +68,7 @@ const OF_ERROR: [(&str, fn(&ErrorFigure) -> String); 3] = [
     ("error_unit", |error| error.unit.clone()),
 ];
 
-const OF_FRAME: [(&str, OfFrame); 16] = [
+const FRAME_COLUMNS: [(&str, FrameField); 16] = [
     ("frame_untimed_median_ns", |cell| middle(&cell.frame.untimed)),
     ("frame_untimed_low_ns", |cell| end(&cell.frame.untimed, |interval| interval.low)),
     ("frame_untimed_high_ns", |cell| end(&cell.frame.untimed, |interval| interval.high)),
@@ -85,19 +84,20 @@ const OF_FRAME: [(&str, OfFrame); 16] = [
     ("rejected_frames", |cell| cell.rejected_frames().to_string()),
     // Samples whose state of the machine is known, those that were taken while heat or power held clocks down, and why.
     ("machine_samples", |cell| cell.frame.machine.len().to_string()),
-    ("throttled_samples", |cell| held(cell).map_or(0, |held| held.throttled).to_string()),
+    ("throttled_samples", |cell| throttling(cell).map_or(0, |held| held.throttled).to_string()),
     ("throttle_reasons", |cell| {
-        held(cell).map_or_else(String::new, |held| machine::words(&held.reasons))
+        throttling(cell).map_or_else(String::new, |held| machine::words(&held.reasons))
     }),
 ];
 
-fn export(view: &ReportView<'_>, to: &mut dyn Write) -> io::Result<()> {
+fn export(view: &Report<'_>, to: &mut dyn Write) -> io::Result<()> {
     let axes = view.entries().flat_map(|entry| entry.cell.axes.keys().map(String::as_str)).unique();
     let axes = axes.collect_vec();
-    let of_cell = OF_CELL.iter().map(|(name, _)| (*name).to_owned());
+    let of_cell = CELL_COLUMNS.iter().map(|(name, _)| (*name).to_owned());
     let of_axes = axes.iter().map(|name| format!("axis:{name}"));
-    let of_stage = OF_STAGE.iter().map(|(name, _)| *name).chain(OF_ERROR.map(|(name, _)| name));
-    let of_frame = OF_FRAME.iter().map(|(name, _)| *name).chain(["quantities"]);
+    let of_stage =
+        STAGE_COLUMNS.iter().map(|(name, _)| *name).chain(OF_ERROR.map(|(name, _)| name));
+    let of_frame = FRAME_COLUMNS.iter().map(|(name, _)| *name).chain(["quantities"]);
     let others = of_stage.chain(Work::NAMES.iter().copied()).chain(of_frame);
     let header = of_cell.chain(of_axes).chain(others.map(str::to_owned)).collect_vec();
     let columns = header.len();
@@ -109,8 +109,8 @@ fn export(view: &ReportView<'_>, to: &mut dyn Write) -> io::Result<()> {
     writer.flush()
 }
 
-fn rows(entry: &Entry<'_>, axes: &[&str], columns: usize) -> Vec<Vec<String>> {
-    let of_cell = OF_CELL.iter().map(|(_, field)| field(entry));
+fn rows(entry: &RunCell<'_>, axes: &[&str], columns: usize) -> Vec<Vec<String>> {
+    let of_cell = CELL_COLUMNS.iter().map(|(_, field)| field(entry));
     let values = axes.iter().map(|name| entry.cell.axes.get(*name));
     let of_axes = values.map(|value| value.map_or_else(String::new, label_text));
     let of_cell = of_cell.chain(of_axes).collect_vec();
@@ -122,21 +122,21 @@ fn rows(entry: &Entry<'_>, axes: &[&str], columns: usize) -> Vec<Vec<String>> {
     let row = |(index, stage): (usize, &StageRecord)| {
         let work = stage.work.fields().into_iter().map(|(_, count)| count.to_string()).collect();
         let quantities = if index == 0 { quantities(measured) } else { String::new() };
-        let of_stage = OF_STAGE.iter().map(|(_, field)| field(stage)).collect();
+        let of_stage = STAGE_COLUMNS.iter().map(|(_, field)| field(stage)).collect();
         let error = measured.errors.iter().find(|error| error.stage == stage.stage);
         let of_error = OF_ERROR.map(|(_, field)| error.map_or_else(String::new, field));
-        let of_frame = OF_FRAME.iter().map(|(_, field)| field(measured)).collect();
+        let of_frame = FRAME_COLUMNS.iter().map(|(_, field)| field(measured)).collect();
         [of_cell.clone(), of_stage, of_error.into(), work, of_frame, vec![quantities]].concat()
     };
     measured.stages.iter().enumerate().map(row).collect()
 }
 
-fn of_run(entry: &Entry<'_>, field: fn(&Run) -> String) -> String {
+fn run_field(entry: &RunCell<'_>, field: fn(&Run) -> String) -> String {
     entry.run.map(field).unwrap_or_default()
 }
 
 /// What became of a cell, and why.
-fn status<'e>(entry: &'e Entry<'_>) -> [&'e str; 2] {
+fn status<'e>(entry: &'e RunCell<'_>) -> [&'e str; 2] {
     match &entry.cell.outcome {
         Outcome::Measured(_) => ["measured", ""],
         Outcome::Skipped { reason } => ["skipped", reason],
@@ -179,8 +179,8 @@ fn fenced(stage: &StageRecord, field: fn(&Fenced) -> f64) -> String {
     stage.fenced.as_ref().map(|fenced| number(field(fenced))).unwrap_or_default()
 }
 
-fn held(cell: &Measured) -> Option<Throttling> {
-    Throttling::of(&cell.frame.machine)
+fn throttling(cell: &Measured) -> Option<Throttling> {
+    Throttling::from_states(&cell.frame.machine)
 }
 
 /// Empty where it is not finite.
@@ -210,7 +210,7 @@ mod tests {
 
     fn exported(records: &[Record]) -> Vec<u8> {
         let mut bytes = Vec::new();
-        export(&ReportView::new(records, None), &mut bytes).unwrap();
+        export(&Report::new(records, None), &mut bytes).unwrap();
         bytes
     }
 
@@ -268,7 +268,7 @@ mod tests {
     #[test]
     fn quantities_stand_once_for_each_cell() {
         let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = Report::new(&records, None);
         let text = exported(&records);
         let mut reader = csv::Reader::from_reader(&text[..]);
         let rows = reader.records().map(Result::unwrap);
@@ -306,7 +306,7 @@ mod tests {
             submit_cost_samples_ns: vec![6e4; 7],
             resolution_ns: 5e4,
         });
-        let fields = OF_STAGE[2..11].iter().map(|(_, field)| field(stage)).collect_vec();
+        let fields = STAGE_COLUMNS[2..11].iter().map(|(_, field)| field(stage)).collect_vec();
         assert_eq!(fields, ["", "", "", "", "", "", "7", "60000", "50000"]);
         assert_eq!(crate::format::stage_ms(stage), "< 0.0500");
     }

@@ -7,15 +7,15 @@ use indexmap::IndexMap;
 use itertools::{Itertools, chain};
 
 use crate::comparison::rows;
-use crate::document::{self, Part, Span, Table, Tone};
+use crate::document::{self, Block, Span, Table, Tone};
 use crate::format::{NS_PER_MS, interval, percent, three};
-use crate::{ReportView, facts, noise, run_conditions, shown_file};
+use crate::{Report, facts, noise, run_conditions, shown_file};
 use fathom_experiments::Ruling;
 use fathom_experiments::schema::Claim;
 use fathom_judge::adapters::AdapterRelation;
-use fathom_judge::changes::cells::{Cells, MOST_NAMED, Told};
+use fathom_judge::changes::cells::{CellMatches, CellRemark, MAX_NAMED};
 use fathom_judge::changes::claims::{self, ClaimChange};
-use fathom_judge::changes::times::{Common, StageChange, TimeChange, Times};
+use fathom_judge::changes::times::{CommonShift, StageChange, TimeChange, TimeChanges};
 use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
 use fathom_judge::files::{RunFile, SameCells};
 use fathom_judge::run::Noise;
@@ -24,10 +24,10 @@ use fathom_record::comparison::{CellId, Gate, Side};
 use fathom_record::{Adapter, Cell, Run};
 
 /// Rows of a block; the rest is counted.
-const MOST_ROWS: usize = 8;
+const MAX_ROWS: usize = 8;
 
 /// What there is to say, the most important first.
-pub struct Changes {
+pub struct RunChanges {
     /// By what is exact.
     pub status: Status,
     /// How noisy the runs were, and what that lets be seen; none where no times are compared.
@@ -36,39 +36,38 @@ pub struct Changes {
     pub headline: String,
     /// Why the runs are hard to compare.
     pub doubts: Vec<String>,
-    pub blocks: Vec<Part>,
+    pub blocks: Vec<Block>,
 }
 
-/// A table of at most [`MOST_ROWS`] rows with words above it.
+/// A table of at most [`MAX_ROWS`] rows with words above it.
 fn block<const N: usize>(
     title: &str,
     lead: Vec<String>,
     heads: [&str; N],
     rows: impl IntoIterator<Item = [String; N]>,
-) -> Vec<Part> {
+) -> Vec<Block> {
     let mut table = Table::new(title, heads).with_rows(rows);
-    let more = table.rows.len().saturating_sub(MOST_ROWS);
-    table.rows.truncate(MOST_ROWS);
-    let more = (more > 0).then(|| Part::paragraph(format!("… and {more} more")));
-    let table = (!table.rows.is_empty()).then_some(Part::Table(table));
-    let lead = lead.into_iter().map(Part::paragraph);
-    chain![[Part::Heading(title.into())], lead, table, more].collect()
+    let more = table.rows.len().saturating_sub(MAX_ROWS);
+    table.rows.truncate(MAX_ROWS);
+    let more = (more > 0).then(|| Block::paragraph(format!("… and {more} more")));
+    let table = (!table.rows.is_empty()).then_some(Block::Table(table));
+    let lead = lead.into_iter().map(Block::paragraph);
+    chain![[Block::Heading(title.into())], lead, table, more].collect()
 }
 
-impl Changes {
-    /// From the files alone, by these gates.
-    pub fn of_files([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
-        let SameCells { comparison, untimed } = SameCells::of([base, head], gates)?;
-        let verdicts = &Verdicts::of(&comparison);
-        let views = [base, head].map(|file| ReportView::new(&file.reading.records, None));
+impl RunChanges {
+    pub fn from_files([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
+        let SameCells { comparison, untimed } = SameCells::compare([base, head], gates)?;
+        let verdicts = &Verdicts::judge(&comparison);
+        let views = [base, head].map(|file| Report::new(&file.reading.records, None));
         let views = [&views[0], &views[1]];
         let paths = [&base.path, &head.path].map(PathBuf::as_path);
-        let cells = Cells::of(views.map(cells));
-        let times = Times::of(if untimed.is_some() { &[] } else { &cells.both });
+        let cells = CellMatches::match_runs(views.map(cells));
+        let times = TimeChanges::compare(if untimed.is_some() { &[] } else { &cells.both });
         let not_judged = match untimed {
             None => format!(
                 "times of {} not judged: two runs share no pairs",
-                counted(times.frames().count(), "cell")
+                count_noun(times.frames().count(), "cell")
             ),
             Some(reason) => format!("times not compared: {reason}"),
         };
@@ -76,7 +75,7 @@ impl Changes {
             status: verdicts.status,
             noise: noise_words(views, &times),
             headline: format!("{}; {not_judged}", exact_headline(verdicts)),
-            doubts: [comparison.header.notes.clone(), doubts(views)].concat(),
+            doubts: [comparison.header.notes.clone(), caveats(views)].concat(),
             blocks: [
                 claims_block(views),
                 times_block(&times, views),
@@ -91,11 +90,11 @@ impl Changes {
     }
 
     /// How noisy the runs were, the headline, doubts, and each block with its rows.
-    pub fn into_parts(self) -> Vec<Part> {
+    pub fn into_parts(self) -> Vec<Block> {
         let doubts = self.doubts.into_iter().map(|doubt| Span::Chip(Tone::Open, doubt));
-        let noise = self.noise.map(Part::paragraph);
-        let headline = Part::paragraph(self.headline);
-        chain![noise, [headline, Part::list(doubts)], self.blocks].collect()
+        let noise = self.noise.map(Block::paragraph);
+        let headline = Block::paragraph(self.headline);
+        chain![noise, [headline, Block::list(doubts)], self.blocks].collect()
     }
 
     /// For the terminal.
@@ -104,12 +103,12 @@ impl Changes {
     }
 }
 
-fn cells<'a>(view: &ReportView<'a>) -> Vec<&'a Cell> {
+fn cells<'a>(view: &Report<'a>) -> Vec<&'a Cell> {
     view.entries().map(|entry| entry.cell).collect()
 }
 
 /// `1 cell`, `3 cells`.
-fn counted(count: usize, what: &str) -> String {
+fn count_noun(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
@@ -145,16 +144,16 @@ fn exact_headline(verdicts: &Verdicts<'_>) -> String {
         [(_, word)] => (*word).to_owned(),
         several => several.iter().map(|(count, word)| format!("{count} {word}")).join(", "),
     };
-    format!("exact figures of {}: {told}", counted(all, "cell"))
+    format!("exact figures of {}: {told}", count_noun(all, "cell"))
 }
 
 /// Why what is told below may not be a change of the program.
-fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
+fn caveats([base, head]: [&Report<'_>; 2]) -> Vec<String> {
     let mut doubts = Vec::new();
     if let (Some(b), Some(h)) = (base.run(), head.run()) {
         let adapter = |adapter: &Adapter| format!("{}, {}", adapter.title(), adapter.driver_info);
         let adapters = format!("{} → {}", adapter(&b.adapter), adapter(&h.adapter));
-        match AdapterRelation::of(&b.adapter, &h.adapter) {
+        match AdapterRelation::between(&b.adapter, &h.adapter) {
             AdapterRelation::Same => {}
             AdapterRelation::OtherVersion => {
                 doubts.push(format!("two versions of the driver: {adapters}"))
@@ -180,7 +179,7 @@ fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
 }
 
 /// `noisy: base noisy, head quiet; stages scatter by 4.1 % between the runs; a change of one below 22 % cannot be told from that`
-fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String> {
+fn noise_words(views: [&Report<'_>; 2], times: &TimeChanges<'_>) -> Option<String> {
     let scatter = times.scatter?;
     let verdicts = views.map(|view| view.verdict.as_ref().map(|verdict| verdict.noise));
     let [Some(base), Some(head)] = verdicts else { return None };
@@ -191,25 +190,25 @@ fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String>
     ))
 }
 
-fn rulings<'a>(view: &'a ReportView<'a>) -> impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)> {
+fn rulings<'a>(view: &'a Report<'a>) -> impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)> {
     view.sections
         .iter()
         .flat_map(|section| section.claims().map(|(claim, ruling)| (section.id, claim, ruling)))
 }
 
-fn claims_block(views: [&ReportView<'_>; 2]) -> Vec<Part> {
+fn claims_block(views: [&Report<'_>; 2]) -> Vec<Block> {
     let (count, changed) = claims::changed(views.map(rulings));
     let row = |claim: &ClaimChange<'_>| {
         let [from, to] = [claim.rulings[0].verdict.to_string(), claim.rulings[1].marked()];
         let text = claim.rulings[1].text.clone();
         [format!("{from} → {to}"), claim.experiment.to_owned(), text, claim.figures()]
     };
-    let lead = format!("{} of {} changed verdict", changed.len(), counted(count, "claim"));
+    let lead = format!("{} of {} changed verdict", changed.len(), count_noun(count, "claim"));
     let heads = ["Verdict", "Experiment", "Claim", "Figure that decided"];
     block("Claims", vec![lead], heads, changed.iter().map(row))
 }
 
-fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
+fn times_block(times: &TimeChanges<'_>, views: [&Report<'_>; 2]) -> Vec<Block> {
     let common = times.common.map_or(1.0, |common| common.ratio);
     let noises = views.map(|view| view.verdict.as_ref().map(|verdict| verdict.noise));
     let are_quiet = noises == [Some(Noise::Quiet); 2];
@@ -218,7 +217,7 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
         lead.push("which stage became slower cannot be judged: both runs must be quiet".to_owned());
     }
     lead.push(times.common.as_ref().map_or_else(
-        || format!("{} are too few to judge one among them", counted(times.stages, "stage")),
+        || format!("{} are too few to judge one among them", count_noun(times.stages, "stage")),
         common_words,
     ));
     let default = facts::default_frame(views[0]).map(|frame| frame.cell);
@@ -226,7 +225,7 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
         default.is_some_and(|cell| cell_name(cell) == cell_name(time.cell))
     };
     lead.extend(default.map(|cell| match times.frames().find(is_default) {
-        Some(frame) => format!("default frame ({}): {}", cell_name(cell), in_ms(frame)),
+        Some(frame) => format!("default frame ({}): {}", cell_name(cell), format_ms(frame)),
         None => {
             format!(
                 "default frame ({}): not measured often enough, or not in the same way, in both",
@@ -239,12 +238,12 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
     }
     let row = |change: &StageChange<'_>| {
         let word = if change.ratio.median > common { "slower" } else { "faster" };
-        let first = &change.found[0];
+        let first = &change.changes[0];
         [
             format!("{} {word}", change.name),
-            format!("{} of {}", change.found.len(), counted(change.cells, "cell")),
+            format!("{} of {}", change.changes.len(), count_noun(change.cells, "cell")),
             format!("× {}", interval(&change.ratio.scaled(1.0 / common))),
-            format!("{}: {}", cell_name(first.cell), in_ms(first)),
+            format!("{}: {}", cell_name(first.cell), format_ms(first)),
         ]
     };
     let heads = ["Stage", "In", "Beyond the common ratio", "Cell with the largest change"];
@@ -252,13 +251,13 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
 }
 
 /// `322 → 473 ms, × 1.47 (1.40 – 1.54), n = 12 and 15`
-fn in_ms(time: &TimeChange<'_>) -> String {
+fn format_ms(time: &TimeChange<'_>) -> String {
     let [base, head] = time.times.map(|time| three(time.median / NS_PER_MS));
     let [n, m] = time.times.map(|time| time.n);
     format!("{base} → {head} ms, × {}, n = {n} and {m}", interval(&time.ratio))
 }
 
-fn common_words(common: &Common) -> String {
+fn common_words(common: &CommonShift) -> String {
     let [ratio, low, high] = [common.ratio, common.half.low, common.half.high].map(three);
     format!(
         "the median stage takes {ratio} times as long (half of the stages {low} – {high}): the machine's state, or a change of \
@@ -266,18 +265,18 @@ fn common_words(common: &Common) -> String {
     )
 }
 
-fn chance_words(times: &Times<'_>) -> String {
-    let (stages, cells) = (counted(times.stages, "stage"), counted(times.all.len(), "time"));
+fn chance_words(times: &TimeChanges<'_>) -> String {
+    let (stages, cells) = (count_noun(times.stages, "stage"), count_noun(times.all.len(), "time"));
     format!(
         "{stages} and frames judged in {cells} ({} not compared: another clock, too short, or too few samples). 95 % intervals of {} \
          times do not overlap, as runs drift apart; listed is what stands out of that, about 5 % of it by chance",
         times.uncompared,
-        times.apart(),
+        times.count_disjoint(),
     )
 }
 
 /// Differences grouped by figure: errors first, what became worse first.
-fn exact_block(verdicts: &Verdicts<'_>) -> Vec<Part> {
+fn exact_block(verdicts: &Verdicts<'_>) -> Vec<Block> {
     let mut groups = IndexMap::<(bool, bool, &str), Vec<&Difference>>::new();
     for difference in differences(verdicts) {
         let is_error = difference.kind == FigureKind::Error;
@@ -295,32 +294,32 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Vec<Part> {
             DifferenceScope::Cell(cell) => cell.to_string(),
             _ => configuration(most).to_owned(),
         };
-        [word.to_owned(), counted(cells, "cell"), rows::changed(most), place]
+        [word.to_owned(), count_noun(cells, "cell"), rows::format_change(most), place]
     };
     let rows = groups.iter().map(row).collect_vec();
     let mut lead = vec![match rows.len() {
         0 => "no figure differs".to_owned(),
-        count => format!("in some cell another value of {}", counted(count, "figure")),
+        count => format!("in some cell another value of {}", count_noun(count, "figure")),
     }];
     let faults = verdicts.faults.iter().map(rows::fault).collect_vec();
     if let Some(first) = faults.first() {
-        lead.push(format!("{}, such as: {first}", counted(faults.len(), "missing figure")));
+        lead.push(format!("{}, such as: {first}", count_noun(faults.len(), "missing figure")));
     }
     let heads = ["Change", "In", "Figure, where it moved most", "Cell"];
     block("Errors and other exact figures", lead, heads, rows)
 }
 
 /// What of machine, program and conditions differs.
-fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Vec<Part> {
+fn machine_block(views: [&Report<'_>; 2], paths: [&Path; 2]) -> Vec<Block> {
     let [base, head] = views.map(|view| view.run().map(identity).unwrap_or_default());
     let differing = base.iter().zip(&head).filter(|(base, head)| base != head);
-    let row = |((name, base), (_, head)): (&Known, &Known)| {
+    let row = |((name, base), (_, head)): (&RunFact, &RunFact)| {
         let told =
             |value: &Option<String>| value.clone().unwrap_or_else(|| "not recorded".to_owned());
         [(*name).to_owned(), told(base), told(head)]
     };
     let rows = differing.map(row).collect_vec();
-    let started = |view: &ReportView<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
+    let started = |view: &Report<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
     let [from, to] = views.map(started);
     let [base_path, head_path] = paths.map(shown_file);
     let mut lead = vec![format!("{base_path}, started {from} → {head_path}, started {to}")];
@@ -332,10 +331,10 @@ fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Vec<Part> {
 }
 
 /// Something of a run, and what the records say of it.
-type Known = (&'static str, Option<String>);
+type RunFact = (&'static str, Option<String>);
 
 /// What two runs must have in common to differ by the program's change alone; none where it is not recorded.
-fn identity(run: &Run) -> Vec<Known> {
+fn identity(run: &Run) -> Vec<RunFact> {
     let Adapter { backend, driver, driver_info, host_threads, .. } = &run.adapter;
     vec![
         ("adapter", Some(format!("{}, {backend}", run.adapter.title()))),
@@ -350,25 +349,25 @@ fn identity(run: &Run) -> Vec<Known> {
     ]
 }
 
-fn cells_block(cells: &Cells<'_>) -> Vec<Part> {
-    let kinds: [(&str, &[Told<'_>]); 5] = [
+fn cells_block(cells: &CellMatches<'_>) -> Vec<Block> {
+    let kinds: [(&str, &[CellRemark<'_>]); 5] = [
         ("no longer measured", &cells.lost),
         ("missing", &cells.missing),
         ("measured in another way", &cells.redefined),
         ("new", &cells.new),
         ("measured only now", &cells.gained),
     ];
-    let row = |(kind, told): (&str, &[Told<'_>])| {
-        let named = told.iter().take(MOST_NAMED).map(|(cell, why)| match why.as_str() {
+    let row = |(kind, told): (&str, &[CellRemark<'_>])| {
+        let named = told.iter().take(MAX_NAMED).map(|(cell, why)| match why.as_str() {
             "" => cell_name(cell),
             why => format!("{} ({why})", cell_name(cell)),
         });
-        let more = (told.len() > MOST_NAMED).then(|| "…".to_owned());
-        [kind.to_owned(), counted(told.len(), "cell"), named.chain(more).join("; ")]
+        let more = (told.len() > MAX_NAMED).then(|| "…".to_owned());
+        [kind.to_owned(), count_noun(told.len(), "cell"), named.chain(more).join("; ")]
     };
     let kinds = kinds.into_iter().filter(|(_, told)| !told.is_empty());
     let lead =
-        format!("{} measured in both runs in the same way", counted(cells.both.len(), "cell"));
+        format!("{} measured in both runs in the same way", count_noun(cells.both.len(), "cell"));
     block("Cells", vec![lead], ["What became of them", "How many", "Which"], kinds.map(row))
 }
 

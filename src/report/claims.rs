@@ -3,19 +3,19 @@
 use indexmap::IndexMap;
 use serde_json::{Map, Value};
 
-use super::document::{Part, Table, markdown};
+use super::document::{Block, Table, markdown};
 use super::page::setting_words;
-use super::{Exporter, OfRun, ReportView, RunExporter, Section, Written, facts};
+use super::{Exporter, Report, RunExporter, RunFormat, Section, Timing, facts};
 use fathom_experiments::schema::{Balance, Claim};
-use fathom_experiments::{Ruling, Whose, flatten};
+use fathom_experiments::{ClaimOrigin, Ruling, flatten};
 use fathom_record::Run;
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "claims",
     about: "the papers' claims as Markdown: item, experiment, verdict, balance",
     file: "claims-of-the-papers.md",
-    written: Written::OnRequest,
-    export: OfRun::One(export),
+    written: Timing::OnRequest,
+    export: RunFormat::One(export),
 };
 
 const HEAD: [&str; 7] = [
@@ -28,17 +28,17 @@ const HEAD: [&str; 7] = [
     "what else could make it true",
 ];
 
-struct Row<'v, 'a> {
+struct ClaimRow<'v, 'a> {
     section: &'v Section<'a>,
     claim: &'v Claim,
     ruling: &'v Ruling,
 }
 
-fn export(view: &ReportView<'_>) -> String {
-    let rows: Vec<Row<'_, '_>> = view.sections.iter().flat_map(rows).collect();
+fn export(view: &Report<'_>) -> String {
+    let rows: Vec<ClaimRow<'_, '_>> = view.sections.iter().flat_map(rows).collect();
     let (of_papers, own): (Vec<_>, Vec<_>) =
-        rows.into_iter().partition(|row| row.claim.whose() == Whose::Publication);
-    let mut parts = vec![Part::paragraph(
+        rows.into_iter().partition(|row| row.claim.origin() == ClaimOrigin::Publication);
+    let mut parts = vec![Block::paragraph(
         "`fathom export claims RUN` writes this page from the records of a run. A claim of a paper is tested only on cells that run the \
          paper's own method. Where its balance counts, it is tested only where triangles, pixels, voxels and photons are to each other as in \
          the paper, within a factor of 2. Our bound: the paper prints no number, so that the band is this project's choice; a figure that \
@@ -47,20 +47,20 @@ fn export(view: &ReportView<'_>) -> String {
     parts.extend(view.run().map(|run| {
         let (adapter, program) = (run.adapter.title(), facts::program(run));
         let Run { profile, started_at, .. } = run;
-        Part::paragraph(format!(
+        Block::paragraph(format!(
             "The run: {adapter}, profile {profile}, {program}, started {started_at}."
         ))
     }));
-    let mut papers = IndexMap::<&str, Vec<Row<'_, '_>>>::new();
+    let mut papers = IndexMap::<&str, Vec<ClaimRow<'_, '_>>>::new();
     for row in of_papers {
         papers.entry(paper(row.claim)).or_default().push(row);
     }
     papers.sort_unstable_keys();
     let mut add = |title: &str, about: Option<&str>, table: Table| {
         if !table.rows.is_empty() {
-            parts.push(Part::Title(title.into()));
-            parts.extend(about.map(Part::paragraph));
-            parts.push(Part::Table(table));
+            parts.push(Block::Title(title.into()));
+            parts.extend(about.map(Block::paragraph));
+            parts.push(Block::Table(table));
         }
     };
     for (paper, mut rows) in papers {
@@ -73,8 +73,8 @@ fn export(view: &ReportView<'_>) -> String {
     format!("# Claims of the papers\n\n{}", markdown(&parts))
 }
 
-fn rows<'v, 'a>(section: &'v Section<'a>) -> impl Iterator<Item = Row<'v, 'a>> {
-    section.claims().map(move |(claim, ruling)| Row { section, claim, ruling })
+fn rows<'v, 'a>(section: &'v Section<'a>) -> impl Iterator<Item = ClaimRow<'v, 'a>> {
+    section.claims().map(move |(claim, ruling)| ClaimRow { section, claim, ruling })
 }
 
 /// `SPT` of `SPT §4, Table 1`.
@@ -87,8 +87,8 @@ fn item(claim: &Claim) -> &str {
     claim.source.as_deref().and_then(|source| source.split_once(' ')).map_or("", |(_, item)| item)
 }
 
-fn table(rows: &[Row<'_, '_>]) -> Table {
-    let fields = rows.iter().map(|Row { section, claim, ruling }| {
+fn table(rows: &[ClaimRow<'_, '_>]) -> Table {
+    let fields = rows.iter().map(|ClaimRow { section, claim, ruling }| {
         [
             item(claim).to_owned(),
             claim.text.clone(),
@@ -106,16 +106,16 @@ fn table(rows: &[Row<'_, '_>]) -> Table {
 fn verdict(ruling: &Ruling) -> String {
     match ruling.deciding.first() {
         Some(figure) => {
-            format!("{}: {} where {} is asked", ruling.marked(), figure.text(), figure.asked())
+            format!("{}: {} where {} is asked", ruling.marked(), figure.text(), figure.limits())
         }
         None => format!("{}: {}", ruling.marked(), ruling.reason),
     }
 }
 
-fn methods(view: &ReportView<'_>) -> Table {
+fn methods(view: &Report<'_>) -> Table {
     let rows = view.sections.iter().filter_map(|section| {
         let method = &section.experiment.as_ref()?.method;
-        (!method.is_empty()).then(|| [section.id.to_owned(), in_words(method)])
+        (!method.is_empty()).then(|| [section.id.to_owned(), format_settings(method)])
     });
     Table::new("Methods", ["experiment", "settings"]).with_rows(rows)
 }
@@ -129,8 +129,7 @@ pub fn balance(claim: &Claim, ruling: &Ruling) -> Option<String> {
     }
 }
 
-/// Settings as people read them.
-pub fn in_words(settings: &Map<String, Value>) -> String {
+pub fn format_settings(settings: &Map<String, Value>) -> String {
     let settings = flatten(settings);
     setting_words(settings.iter().map(|(path, value)| (path, value)))
 }
@@ -155,9 +154,9 @@ mod tests {
             assert!(line.contains(&row.ruling.verdict.to_string()), "{line}");
             let above = &text[..text.find(line).unwrap()];
             let heading = above.rsplit("\n## ").next().unwrap().lines().next().unwrap();
-            let expected = match row.claim.whose() {
-                Whose::Publication => paper(row.claim),
-                Whose::Own => Whose::Own.title(),
+            let expected = match row.claim.origin() {
+                ClaimOrigin::Publication => paper(row.claim),
+                ClaimOrigin::Own => ClaimOrigin::Own.title(),
             };
             assert_eq!(heading, expected, "{line}");
         }

@@ -76,7 +76,7 @@ impl StageColors {
     }
 
     /// Of a stage of the report; grey for others, such as the CPU's part of a frame.
-    pub fn of(&self, stage: &str) -> Color {
+    pub fn color(&self, stage: &str) -> Color {
         self.0.get(stage).copied().unwrap_or(NEUTRAL)
     }
 }
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn every_stage_has_a_colour_of_its_own() {
         let colors = StageColors::new(STAGES);
-        let used: BTreeSet<Color> = STAGES.iter().map(|stage| colors.of(stage)).collect();
+        let used: BTreeSet<Color> = STAGES.iter().map(|stage| colors.color(stage)).collect();
         assert_eq!(used.len(), STAGES.len());
         assert!(!used.contains(&NEUTRAL));
     }
@@ -138,15 +138,15 @@ mod tests {
     #[test]
     fn the_order_of_names_does_not_matter_and_what_is_unknown_is_grey() {
         let [forth, back] = [StageColors::new(STAGES), StageColors::new(STAGES.into_iter().rev())];
-        assert!(STAGES.iter().all(|stage| forth.of(stage) == back.of(stage)));
-        assert_eq!(forth.of("uniforms"), NEUTRAL);
+        assert!(STAGES.iter().all(|stage| forth.color(stage) == back.color(stage)));
+        assert_eq!(forth.color("uniforms"), NEUTRAL);
     }
 
     #[test]
     fn text_on_a_stage_s_colour_can_be_read() {
         let colors = StageColors::new(STAGES);
         for stage in STAGES {
-            let color = colors.of(stage);
+            let color = colors.color(stage);
             let contrast = color.contrast(color.ink());
             assert!(contrast >= 4.5, "{stage}: {contrast}");
         }

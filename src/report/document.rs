@@ -25,7 +25,7 @@ impl Tone {
         }
     }
 
-    pub fn of(verdict: Verdict) -> Tone {
+    pub fn from_verdict(verdict: Verdict) -> Tone {
         match verdict {
             Verdict::Contradicted => Tone::Bad,
             Verdict::NearBound | Verdict::Inconclusive => Tone::Open,
@@ -164,7 +164,7 @@ fn with_code(words: &str) -> Markup {
     }
 }
 
-pub enum Part {
+pub enum Block {
     /// Of a document's largest parts.
     Title(Line),
     Heading(Line),
@@ -174,44 +174,44 @@ pub enum Part {
     /// A picture as SVG, in the text of a page alone.
     Chart(String),
     /// What a reader of a page opens.
-    Fold(Line, Vec<Part>),
+    Fold(Line, Vec<Block>),
     /// The same of a page's main matter, which links lead to by its id.
-    Topic(String, Line, Vec<Part>),
+    Topic(String, Line, Vec<Block>),
     /// Side by side, as many as there is room for.
-    Grid(Vec<Vec<Part>>),
+    Grid(Vec<Vec<Block>>),
 }
 
-impl Part {
+impl Block {
     /// The same with at most so many rows or items and without what is folded, and words on where the rest is.
-    pub fn cut(self, most: usize, place: &Line) -> Vec<Part> {
+    pub fn truncate(self, most: usize, place: &Line) -> Vec<Block> {
         let more_on =
             |more: usize| Line::from(format!("… and {more} more on the ")).and(place.clone());
         match self {
-            Part::Table(mut table) => {
+            Block::Table(mut table) => {
                 let more = table.rows.len().saturating_sub(most);
                 table.rows.truncate(most);
-                let words = (more > 0).then(|| Part::Paragraph(more_on(more)));
-                std::iter::once(Part::Table(table)).chain(words).collect()
+                let words = (more > 0).then(|| Block::Paragraph(more_on(more)));
+                std::iter::once(Block::Table(table)).chain(words).collect()
             }
-            Part::List(mut lines) => {
+            Block::List(mut lines) => {
                 let more = lines.len().saturating_sub(most);
                 lines.truncate(most);
                 lines.extend((more > 0).then(|| more_on(more)));
-                vec![Part::List(lines)]
+                vec![Block::List(lines)]
             }
-            Part::Fold(line, _) | Part::Topic(_, line, _) => {
-                vec![Part::Paragraph(line.and(": on the ").and(place.clone()))]
+            Block::Fold(line, _) | Block::Topic(_, line, _) => {
+                vec![Block::Paragraph(line.and(": on the ").and(place.clone()))]
             }
             part => vec![part],
         }
     }
 
-    pub fn paragraph(words: impl Into<Line>) -> Part {
-        Part::Paragraph(words.into())
+    pub fn paragraph(words: impl Into<Line>) -> Block {
+        Block::Paragraph(words.into())
     }
 
-    pub fn list<T: Into<Line>>(items: impl IntoIterator<Item = T>) -> Part {
-        Part::List(items.into_iter().map(Into::into).collect())
+    pub fn list<T: Into<Line>>(items: impl IntoIterator<Item = T>) -> Block {
+        Block::List(items.into_iter().map(Into::into).collect())
     }
 }
 
@@ -328,39 +328,39 @@ impl Table {
 }
 
 /// Text for a terminal: columns in step, and nothing folded.
-pub fn terminal(parts: &[Part]) -> String {
-    let write = |part: &Part| match part {
-        Part::Title(line) | Part::Heading(line) => format!("\n{}\n", line.plain()),
-        Part::Paragraph(line) => line.plain() + "\n",
-        Part::List(lines) if lines.is_empty() => String::new(),
-        Part::List(lines) => {
+pub fn terminal(parts: &[Block]) -> String {
+    let write = |part: &Block| match part {
+        Block::Title(line) | Block::Heading(line) => format!("\n{}\n", line.plain()),
+        Block::Paragraph(line) => line.plain() + "\n",
+        Block::List(lines) if lines.is_empty() => String::new(),
+        Block::List(lines) => {
             let lines = lines.iter().map(|line| line.plain() + "\n");
             std::iter::once("\n".to_owned()).chain(lines).collect()
         }
-        Part::Table(table) => {
+        Block::Table(table) => {
             format!("\n{}\n", text::columns(&table.texts(Line::plain)).join("\n"))
         }
-        Part::Chart(_) => String::new(),
-        Part::Fold(_, parts) | Part::Topic(_, _, parts) => terminal(parts),
-        Part::Grid(cells) => cells.iter().map(|parts| terminal(parts)).collect(),
+        Block::Chart(_) => String::new(),
+        Block::Fold(_, parts) | Block::Topic(_, _, parts) => terminal(parts),
+        Block::Grid(cells) => cells.iter().map(|parts| terminal(parts)).collect(),
     };
     parts.iter().map(write).collect()
 }
 
-pub fn markdown(parts: &[Part]) -> String {
-    let write = |part: &Part| match part {
-        Part::Title(line) => format!("## {}\n\n", line.markdown()),
-        Part::Heading(line) => format!("### {}\n\n", line.markdown()),
-        Part::Paragraph(line) => line.markdown() + "\n\n",
-        Part::List(lines) if lines.is_empty() => String::new(),
-        Part::List(lines) => {
+pub fn markdown(parts: &[Block]) -> String {
+    let write = |part: &Block| match part {
+        Block::Title(line) => format!("## {}\n\n", line.markdown()),
+        Block::Heading(line) => format!("### {}\n\n", line.markdown()),
+        Block::Paragraph(line) => line.markdown() + "\n\n",
+        Block::List(lines) if lines.is_empty() => String::new(),
+        Block::List(lines) => {
             let items = lines.iter().map(|line| format!("- {}\n", line.markdown()));
             items.collect::<String>() + "\n"
         }
-        Part::Table(table) => table.markdown(),
-        Part::Chart(_) => String::new(),
-        Part::Grid(cells) => cells.iter().map(|parts| markdown(parts)).collect(),
-        Part::Fold(line, parts) | Part::Topic(_, line, parts) => format!(
+        Block::Table(table) => table.markdown(),
+        Block::Chart(_) => String::new(),
+        Block::Grid(cells) => cells.iter().map(|parts| markdown(parts)).collect(),
+        Block::Fold(line, parts) | Block::Topic(_, line, parts) => format!(
             "<details><summary>{}</summary>\n\n{}</details>\n\n",
             line.markdown(),
             markdown(parts)
@@ -370,22 +370,22 @@ pub fn markdown(parts: &[Part]) -> String {
 }
 
 /// For a section of a page, which is left out where it has no parts.
-pub fn of(parts: Vec<Part>) -> Option<Markup> {
+pub fn html_if_any(parts: Vec<Block>) -> Option<Markup> {
     (!parts.is_empty()).then(|| html(&parts))
 }
 
-pub fn html(parts: &[Part]) -> Markup {
+pub fn html(parts: &[Block]) -> Markup {
     html! {
         @for part in parts {
             @match part {
-                Part::Title(line) | Part::Heading(line) => h3 { (line.html()) },
-                Part::Paragraph(line) => p { (line.html()) },
-                Part::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
-                Part::Table(table) => (table.html()),
-                Part::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
-                Part::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
-                Part::Topic(id, line, parts) => details.plot #(id) { summary { (line.html()) } (html(parts)) },
-                Part::Grid(cells) => div.multiples { @for parts in cells { div { (html(parts)) } } },
+                Block::Title(line) | Block::Heading(line) => h3 { (line.html()) },
+                Block::Paragraph(line) => p { (line.html()) },
+                Block::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
+                Block::Table(table) => (table.html()),
+                Block::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
+                Block::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
+                Block::Topic(id, line, parts) => details.plot #(id) { summary { (line.html()) } (html(parts)) },
+                Block::Grid(cells) => div.multiples { @for parts in cells { div { (html(parts)) } } },
             }
         }
     }
@@ -406,9 +406,9 @@ mod tests {
             .with_rows([[chip.into(), drawn, Field { value: Some(2.0), ..Field::from("<2>") }]]);
         let link = Span::Link { words: "page".to_owned(), to: "index.html".to_owned() };
         let parts = [
-            Part::Heading("What".into()),
-            Part::paragraph(Line::from("see ").and(link)),
-            Part::Fold("all".into(), vec![Part::Table(table), Part::list(["*one*\n"])]),
+            Block::Heading("What".into()),
+            Block::paragraph(Line::from("see ").and(link)),
+            Block::Fold("all".into(), vec![Block::Table(table), Block::list(["*one*\n"])]),
         ];
         for (written, expected) in [
             (terminal(&parts), "\nWhat\nsee page\n\nname  n\na|b   <2>\n\n*one* \n"),

@@ -6,31 +6,31 @@ use itertools::Itertools;
 
 use super::charts::names;
 use super::format::{self, percent};
-use super::{ReportView, Section};
+use super::{Report, Section};
 use fathom_base::statistics;
 use fathom_experiments as experiments;
-use fathom_experiments::defaults::{self, Choice, Distance};
+use fathom_experiments::defaults::{self, CellSettings, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
-use fathom_experiments::{Measure, Ruling, Scaling, Verdict, Whose, groups, scaling};
+use fathom_experiments::{ClaimOrigin, Measure, Ruling, Scaling, Verdict, groups, scaling};
 use fathom_record::{
-    Cell, Estimate, Interval, Machine, Measured, Outcome, Part, Run, StageRecord, Standing,
+    Cell, Estimate, Interval, Machine, Measured, Outcome, Part, Run, RunProgress, StageRecord,
 };
 
 /// Digits of a commit's hash that a person reads.
 const SHORT_HASH: usize = 12;
 
 /// How many claims have each verdict.
-pub fn tally(view: &ReportView<'_>, whose: Whose) -> [(Verdict, usize); 5] {
+pub fn tally(view: &Report<'_>, whose: ClaimOrigin) -> [(Verdict, usize); 5] {
     let rulings = view.sections.iter().flat_map(Section::rulings);
-    let counts = rulings.filter(|ruling| ruling.whose == whose).counts_by(|ruling| ruling.verdict);
+    let counts = rulings.filter(|ruling| ruling.origin == whose).counts_by(|ruling| ruling.verdict);
     use Verdict::{Contradicted, Inconclusive, NearBound, NotRun, Supported};
     let verdicts = [Supported, Contradicted, NearBound, Inconclusive, NotRun];
     verdicts.map(|verdict| (verdict, counts.get(&verdict).copied().unwrap_or(0)))
 }
 
 /// The tallies of the papers' claims and of own hypotheses, each where there are any.
-pub fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, [(Verdict, usize); 5])> {
-    let tallies = Whose::ALL.map(|whose| (whose, tally(view, whose)));
+pub fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, [(Verdict, usize); 5])> {
+    let tallies = ClaimOrigin::ALL.map(|whose| (whose, tally(view, whose)));
     tallies.into_iter().filter(|(_, counts)| counts.iter().any(|(_, count)| *count > 0))
 }
 
@@ -92,7 +92,7 @@ pub fn stage_shares(measured: &Measured) -> Vec<(&StageRecord, Vec<f64>)> {
 }
 
 /// A frame for each pipeline, in the order in which the plan first has them.
-pub fn representatives<'a>(view: &ReportView<'a>) -> Vec<Representative<'a>> {
+pub fn representatives<'a>(view: &Report<'a>) -> Vec<Representative<'a>> {
     let frames = view.sections.iter().flat_map(|section| {
         section.timed().map(|(cell, measured)| {
             let settings = section.settings(cell);
@@ -108,10 +108,7 @@ pub fn representatives<'a>(view: &ReportView<'a>) -> Vec<Representative<'a>> {
 }
 
 /// The same cell in another run; none where that did not time it.
-pub fn same_frame<'a>(
-    view: &ReportView<'a>,
-    frame: &Representative<'_>,
-) -> Option<Representative<'a>> {
+pub fn same_frame<'a>(view: &Report<'a>, frame: &Representative<'_>) -> Option<Representative<'a>> {
     let section = view.sections.iter().find(|section| section.id == frame.cell.experiment)?;
     let (cell, measured) = section.timed().find(|(cell, _)| cell.cell == frame.cell.cell)?;
     let Representative { settings, distance, .. } = *frame;
@@ -119,13 +116,13 @@ pub fn same_frame<'a>(
 }
 
 fn measure_distances(frames: &mut [Representative<'_>]) {
-    let choices = frames.iter().map(|frame| Choice {
+    let choices = frames.iter().map(|frame| CellSettings {
         swept: !frame.cell.axes.is_empty(),
         settings: frame.settings,
         scene: &frame.cell.scene,
         params: frame.cell.params.to_map(),
     });
-    let choices: Vec<Choice<'_>> = choices.collect();
+    let choices: Vec<CellSettings<'_>> = choices.collect();
     let distances = defaults::distances(&choices);
     for (frame, distance) in frames.iter_mut().zip(distances) {
         frame.distance = distance;
@@ -138,7 +135,7 @@ fn rank(frame: &Representative<'_>) -> (bool, Distance) {
 }
 
 /// Of the representative frames the first by the same order.
-pub fn default_frame<'a>(view: &ReportView<'a>) -> Option<Representative<'a>> {
+pub fn default_frame<'a>(view: &Report<'a>) -> Option<Representative<'a>> {
     representatives(view).into_iter().min_by_key(rank)
 }
 
@@ -151,15 +148,15 @@ pub struct SlowStage<'a> {
 
 /// The slowest stage of each representative frame, the frame nearest to the defaults first. Stages of different pipelines are not
 /// ranked: their frames differ in scene and size.
-pub fn slowest_stages<'a>(view: &ReportView<'a>) -> impl Iterator<Item = SlowStage<'a>> {
+pub fn slowest_stages<'a>(view: &Report<'a>) -> impl Iterator<Item = SlowStage<'a>> {
     let frames = representatives(view).into_iter().sorted_by_key(rank);
     frames.filter_map(|frame| Some(SlowStage { frame, stage: frame.slowest()? }))
 }
 
 /// What of a run is open: how far it is while it goes on, and what its time budget left.
-pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
+pub fn open_items(view: &Report<'_>) -> Vec<String> {
     let mut open = Vec::new();
-    if let Some(Standing { used_s, budget_s, reached, cells }) = view.standing {
+    if let Some(RunProgress { used_s, budget_s, reached, cells }) = view.standing {
         open.push(format!(
             "The run goes on: {used_s:.0} of {budget_s:.0} s are used, {} of {cells} cells are not reached yet.",
             cells.saturating_sub(reached)
@@ -181,7 +178,7 @@ pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
 }
 
 /// The shards of a divided run whose records are not there.
-pub fn absent_shards(view: &ReportView<'_>) -> Vec<Part> {
+pub fn absent_shards(view: &Report<'_>) -> Vec<Part> {
     let shards: Vec<Part> = view.runs.iter().filter_map(|run| run.shard).collect();
     let of = shards.last().map_or(0, |shard| shard.of);
     let all = (1..=of).map(|number| Part { number, of });
@@ -189,7 +186,7 @@ pub fn absent_shards(view: &ReportView<'_>) -> Vec<Part> {
 }
 
 /// The run neither came to its end nor goes on.
-pub fn ended_early(view: &ReportView<'_>) -> Option<String> {
+pub fn ended_early(view: &Report<'_>) -> Option<String> {
     let is_cut = view.standing.is_none() && view.ends.last().is_none_or(|end| end.interrupted);
     is_cut.then(|| "The run ended early. What was measured until then is shown.".to_owned())
 }
@@ -222,7 +219,7 @@ pub fn machine(machine: &Machine) -> String {
 }
 
 /// In what the runs of the cells differ: their times do not go together.
-pub fn mixed(view: &ReportView<'_>) -> Option<String> {
+pub fn mixed(view: &Report<'_>) -> Option<String> {
     let adapter = |run: &Run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info);
     let profile = |run: &Run| run.profile.to_string();
     let of: [fn(&Run) -> String; 3] = [adapter, program, profile];
@@ -279,20 +276,20 @@ pub fn exponent(fit: &Scaling) -> String {
 }
 
 /// The exponents of all scaling plots, in the order of the plan. Plots over categories have none.
-pub fn exponents<'v, 'a>(view: &'v ReportView<'a>) -> Vec<Exponent<'v, 'a>> {
-    view.sections.iter().flat_map(of_section).collect()
+pub fn exponents<'v, 'a>(view: &'v Report<'a>) -> Vec<Exponent<'v, 'a>> {
+    view.sections.iter().flat_map(fit_section).collect()
 }
 
-fn of_section<'v, 'a>(section: &'v Section<'a>) -> Vec<Exponent<'v, 'a>> {
+fn fit_section<'v, 'a>(section: &'v Section<'a>) -> Vec<Exponent<'v, 'a>> {
     let Some(experiment) = &section.experiment else { return Vec::new() };
     let is_fitted = |plot: &&Plot| {
         plot.kind == PlotKind::Scaling
             && plot.over.as_ref().is_none_or(|over| !experiment.is_category(over))
     };
-    experiment.plot.iter().filter(is_fitted).flat_map(|plot| of_plot(section, plot)).collect()
+    experiment.plot.iter().filter(is_fitted).flat_map(|plot| fit_plot(section, plot)).collect()
 }
 
-fn of_plot<'v, 'a>(section: &'v Section<'a>, plot: &'v Plot) -> Vec<Exponent<'v, 'a>> {
+fn fit_plot<'v, 'a>(section: &'v Section<'a>, plot: &'v Plot) -> Vec<Exponent<'v, 'a>> {
     let Some(x) = &plot.x else { return Vec::new() };
     let cells = section.cells();
     let cells: Vec<&Cell> =
@@ -310,7 +307,7 @@ fn of_plot<'v, 'a>(section: &'v Section<'a>, plot: &'v Plot) -> Vec<Exponent<'v,
 }
 
 /// The exponents of times that grow, those that were fitted over the widest ranges first.
-pub fn growth<'v, 'a>(view: &'v ReportView<'a>) -> impl Iterator<Item = Exponent<'v, 'a>> {
+pub fn growth<'v, 'a>(view: &'v Report<'a>) -> impl Iterator<Item = Exponent<'v, 'a>> {
     let grows = |fit: &Scaling| fit.interval().is_some_and(|interval| interval.low > 0.0);
     let times = exponents(view).into_iter();
     let times = times.filter(move |exponent| exponent.y.is_time() && grows(&exponent.fit));
@@ -318,13 +315,13 @@ pub fn growth<'v, 'a>(view: &'v ReportView<'a>) -> impl Iterator<Item = Exponent
 }
 
 /// The papers' claims in a sentence; own hypotheses where there are no others.
-pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
+pub fn claims_finding(view: &Report<'_>) -> Option<String> {
     let (whose, counts) = tallies(view).next()?;
     let [(_, supported), (_, contradicted), ..] = counts;
     let all: usize = counts.iter().map(|(_, count)| count).sum();
     let mut sentence = format!("{supported} of {all} {whose} are supported");
     let contradict =
-        |ruling: &&Ruling| ruling.whose == whose && ruling.verdict == Verdict::Contradicted;
+        |ruling: &&Ruling| ruling.origin == whose && ruling.verdict == Verdict::Contradicted;
     let figures = view.sections.iter().flat_map(|section| {
         let rulings = section.rulings().iter().filter(contradict);
         rulings.filter_map(move |ruling| Some((section.id, ruling, ruling.deciding.first()?)))
@@ -336,14 +333,14 @@ pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
             ruling.text,
             ruling.mark(),
             figure.text(),
-            figure.asked()
+            figure.limits()
         );
     }
     Some(sentence + ".")
 }
 
 /// `a factor of 16`
-pub fn times_over((low, high): (f64, f64)) -> String {
+pub fn factor_words((low, high): (f64, f64)) -> String {
     format!("a factor of {}", format::si(high / low))
 }
 
@@ -367,7 +364,7 @@ mod tests {
     #[test]
     fn the_tally_counts_every_claim_once() {
         let view = testing::view();
-        let counts = Whose::ALL.map(|whose| tally(&view, whose).map(|(_, count)| count));
+        let counts = ClaimOrigin::ALL.map(|whose| tally(&view, whose).map(|(_, count)| count));
         let all = view.sections.iter().map(|section| section.rulings().len()).sum::<usize>();
         assert_eq!(counts.as_flattened().iter().sum::<usize>(), all);
         let some = |verdict: usize| counts.iter().any(|counts| counts[verdict] > 0);
@@ -388,7 +385,7 @@ mod tests {
             let (mut records, mut run) = (fixtures::run(), fixtures::header(Profile::Quick));
             change(&mut run);
             records.insert(records.len() / 2, Record::Run(Box::new(run)));
-            let text = document::terminal(&overview::doubts(&ReportView::new(&records, None)));
+            let text = document::terminal(&overview::caveats(&Report::new(&records, None)));
             assert!(text.contains(expected), "{text}");
             assert_eq!(text.contains("Times may differ"), !expected.is_empty(), "{text}");
         }
@@ -396,7 +393,7 @@ mod tests {
 
     #[test]
     fn a_run_that_goes_on_has_not_ended_early_and_its_cell_under_way_is_not_measured() {
-        let going = Standing { used_s: 5.0, budget_s: 60.0, reached: 1, cells: 9 };
+        let going = RunProgress { used_s: 5.0, budget_s: 60.0, reached: 1, cells: 9 };
         for (standing, is_whole) in [(None, true), (None, false), (Some(going), false)] {
             let mut records = fixtures::run();
             if !is_whole {
@@ -405,12 +402,12 @@ mod tests {
                 let mut cells = fixtures::cells(&mut records);
                 cells.find_map(Cell::measured_mut).unwrap().notes.push(note);
             }
-            let view = ReportView { standing, ..ReportView::new(&records, None) };
+            let view = Report { standing, ..Report::new(&records, None) };
             assert_eq!(ended_early(&view).is_some(), !is_whole && standing.is_none());
-            let table = overview::identity(&view).map(document::Part::Table).unwrap();
+            let table = overview::identity(&view).map(document::Block::Table).unwrap();
             let text = document::terminal(&[table]);
             assert_eq!(text.contains(" 1 not run"), !is_whole, "{text}");
-            assert_eq!(still_open(&view).join("").contains("8 of 9 cells"), standing.is_some());
+            assert_eq!(open_items(&view).join("").contains("8 of 9 cells"), standing.is_some());
         }
     }
 

@@ -1,6 +1,6 @@
 //! Reports: pure functions from records to bytes. The same records give the same bytes.
 //!
-//! A [`RunExporter`] turns a [`ReportView`] of a run's records into files.
+//! A [`RunExporter`] turns a [`Report`] of a run's records into files.
 
 pub mod axis;
 pub mod bencher;
@@ -28,7 +28,7 @@ pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use charts::EXPORTER as PLOTS;
 pub use claims::EXPORTER as CLAIMS;
 pub use page::EXPORTER as PAGE;
-pub use page::overview::in_short;
+pub use page::overview::terminal_summary;
 pub use summary::EXPORTER as SUMMARY;
 pub use trust::conditions as run_conditions;
 
@@ -37,8 +37,8 @@ use std::path::Path;
 
 use fathom_record::Record;
 
-pub use fathom_judge::claims::Entry;
-pub use view::{LeftOut, ReportView, Section, shown_file};
+pub use fathom_judge::claims::RunCell;
+pub use view::{Report, Section, SkippedInput, shown_file};
 
 /// A file of the report: its name within the output folder, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,7 +48,7 @@ pub struct Artifact {
 }
 
 impl Artifact {
-    pub fn of(name: impl Into<String>, text: String) -> Artifact {
+    pub fn new(name: impl Into<String>, text: String) -> Artifact {
         Artifact { name: name.into(), bytes: text.into_bytes() }
     }
 }
@@ -61,14 +61,13 @@ pub struct Exporter<F> {
     pub about: &'static str,
     /// The name of its file. Where there are several, a word in capitals stands for the experiment.
     pub file: &'static str,
-    pub written: Written,
+    pub written: Timing,
     /// Makes what the files hold.
     pub export: F,
 }
 
-/// When a format is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
-pub enum Written {
+pub enum Timing {
     #[strum(to_string = "with every report")]
     WithEveryReport,
     #[strum(to_string = "on request")]
@@ -76,16 +75,15 @@ pub enum Written {
 }
 
 /// A format of a run.
-pub type RunExporter = Exporter<OfRun>;
+pub type RunExporter = Exporter<RunFormat>;
 
-/// What is made of a run.
-pub enum OfRun {
+pub enum RunFormat {
     /// The text of one file.
-    One(fn(&ReportView<'_>) -> String),
+    One(fn(&Report<'_>) -> String),
     /// The text of one file, written row by row: that of a large run fills memory.
-    Rows(fn(&ReportView<'_>, &mut dyn Write) -> io::Result<()>),
+    Rows(fn(&Report<'_>, &mut dyn Write) -> io::Result<()>),
     /// A file for each experiment.
-    Several(fn(&ReportView<'_>) -> Vec<Artifact>),
+    Several(fn(&Report<'_>) -> Vec<Artifact>),
 }
 
 /// What an exporter made.
@@ -108,22 +106,22 @@ impl Exported {
 impl<F> Exporter<F> {
     /// Its only file with this text.
     pub fn one(&self, text: String) -> Exported {
-        Exported::One(Artifact::of(self.file, text))
+        Exported::One(Artifact::new(self.file, text))
     }
 }
 
 impl RunExporter {
     /// Its files.
-    pub fn run(&self, view: &ReportView<'_>) -> Exported {
+    pub fn run(&self, view: &Report<'_>) -> Exported {
         match self.export {
-            OfRun::One(export) => self.one(export(view)),
-            OfRun::Rows(export) => {
+            RunFormat::One(export) => self.one(export(view)),
+            RunFormat::Rows(export) => {
                 let mut bytes = Vec::new();
                 // Writing to memory does not fail.
                 let _ = export(view, &mut bytes);
                 Exported::One(Artifact { name: self.file.to_owned(), bytes })
             }
-            OfRun::Several(export) => Exported::Several(export(view)),
+            RunFormat::Several(export) => Exported::Several(export(view)),
         }
     }
 }
@@ -132,8 +130,8 @@ impl RunExporter {
 pub const OF_RUNS: [RunExporter; 6] = [PLOTS, CELLS_CSV, PAGE, SUMMARY, CLAIMS, BENCHER];
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
-pub fn of_run(records: &[Record], folder: Option<&Path>) -> Vec<Artifact> {
-    let view = ReportView::new(records, folder);
-    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
+pub fn report_files(records: &[Record], folder: Option<&Path>) -> Vec<Artifact> {
+    let view = Report::new(records, folder);
+    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Timing::WithEveryReport);
     written.flat_map(|exporter| exporter.run(&view).files()).collect()
 }

@@ -16,9 +16,9 @@ pub fn tone(verdict: &RunVerdict) -> Tone {
 
 /// `noisy run: 7 % of 223 cells reached ±2 %`
 pub fn headline(verdict: &RunVerdict) -> String {
-    let RunVerdict { noise, cells, precise, asked, .. } = verdict;
+    let RunVerdict { noise, cells, precise, target, .. } = verdict;
     let share = (100.0 * *precise as f64 / *cells as f64).round();
-    let asked = three(100.0 * asked);
+    let asked = three(100.0 * target);
     format!("{noise} run: {share} % of {cells} cells reached ±{} %", trim_zeros(&asked))
 }
 
@@ -70,9 +70,9 @@ fn advice(advice: &Advice) -> String {
 }
 
 /// In one sentence, before any verdict; none where no times were to be judged.
-pub fn of_comparison(verdicts: &Verdicts<'_>) -> Option<String> {
+pub fn describe_noise(verdicts: &Verdicts<'_>) -> Option<String> {
     let in_percent = |share: f64| format!("{:.1} %", 100.0 * share);
-    Some(match TimeNoise::of(verdicts)? {
+    Some(match TimeNoise::from_verdicts(verdicts)? {
         TimeNoise::Void(reason) => format!("times cannot be used: {reason}"),
         TimeNoise::TooFewLaunches { scatter } => format!(
             "too few launches to see a slowdown in half of the cells; those of the median cell scatter by {}",

@@ -4,10 +4,10 @@
 use itertools::Itertools;
 
 use super::charts::names;
-use super::document::{ColumnKind, Field, Line, Part, Table};
+use super::document::{Block, ColumnKind, Field, Line, Table};
 use super::facts::exponent;
 use super::format::{self, percent, si, three};
-use super::{ReportView, Section};
+use super::{Report, Section};
 use fathom_base::statistics;
 use fathom_experiments::schema::FIXED_SHARE;
 use fathom_experiments::words;
@@ -19,7 +19,7 @@ use fathom_record::{Cell, ErrorFigure, Measured, Outcome, StageRecord};
 const SMALL_SHARE: f64 = 0.02;
 
 /// What each sweep of a run says; empty where it has none.
-pub fn parts(view: &ReportView<'_>) -> Vec<Part> {
+pub fn parts(view: &Report<'_>) -> Vec<Block> {
     let mut parts = Vec::new();
     for section in &view.sections {
         let Some(experiment) = &section.experiment else { continue };
@@ -54,10 +54,10 @@ impl<'v> Sizes<'v> {
         measured.filter(|(_, measured)| measured.is_timed())
     }
 
-    fn title(&self, what: &str) -> Part {
+    fn title(&self, what: &str) -> Block {
         let axis = names::axis(self.axis, self.experiment);
         let group = if self.group.is_empty() { String::new() } else { format!(", {}", self.group) };
-        Part::Heading(format!("{}: {what} over {axis}{group}", self.section.id).into())
+        Block::Heading(format!("{}: {what} over {axis}{group}", self.section.id).into())
     }
 
     /// In frame order, of all sizes.
@@ -67,13 +67,14 @@ impl<'v> Sizes<'v> {
     }
 
     fn is_small(&self, stage: &str) -> bool {
-        let mut own =
-            self.columns().filter_map(|(_, of_cell)| Some(shares(of_cell, of(of_cell, stage)?)));
+        let mut own = self
+            .columns()
+            .filter_map(|(_, of_cell)| Some(shares(of_cell, find_stage(of_cell, stage)?)));
         own.all(|(_, most)| statistics::median(&most) < SMALL_SHARE)
     }
 
     /// Stages by sizes, each with its interval, and below a stage the errors of its result.
-    fn times(&self) -> Vec<Part> {
+    fn times(&self) -> Vec<Block> {
         let values =
             self.columns().map(|(cell, _)| label_text(&cell.axes[self.axis])).collect_vec();
         let titles = std::iter::once("Stage (ms)".to_owned()).chain(values.iter().cloned());
@@ -81,12 +82,15 @@ impl<'v> Sizes<'v> {
             self.stages().into_iter().partition(|stage| self.is_small(stage));
         let mut rows: Vec<Vec<String>> = Vec::new();
         for stage in large {
-            rows.push(self.row(stage, |measured| Some(format::stage_ms(of(measured, stage)?))));
+            rows.push(
+                self.row(stage, |measured| Some(format::stage_ms(find_stage(measured, stage)?))),
+            );
             rows.extend(self.errors(stage));
         }
         if !small.is_empty() {
             rows.push(self.row(&format!("{} other stages", small.len()), |measured| {
-                let times = small.iter().filter_map(|stage| Some(of(measured, stage)?.time.median));
+                let times =
+                    small.iter().filter_map(|stage| Some(find_stage(measured, stage)?.time.median));
                 Some(three(times.sum::<f64>() / format::NS_PER_MS))
             }));
             rows.extend(small.iter().flat_map(|stage| self.errors(stage)));
@@ -98,8 +102,8 @@ impl<'v> Sizes<'v> {
         let table = Table::new("Stage times", titles).with(ColumnKind::Numbers, &numbers);
         let left =
             self.cells.iter().filter_map(|cell| Some(format!("{}: {}", cell.cell, why(cell)?)));
-        let left = left.map(Part::paragraph).collect_vec();
-        [self.title("times"), Part::Table(table.with_rows(rows))].into_iter().chain(left).collect()
+        let left = left.map(Block::paragraph).collect_vec();
+        [self.title("times"), Block::Table(table.with_rows(rows))].into_iter().chain(left).collect()
     }
 
     fn row(&self, name: &str, figure: impl Fn(&Measured) -> Option<String>) -> Vec<String> {
@@ -123,11 +127,11 @@ impl<'v> Sizes<'v> {
     }
 
     /// Of each stage that is not small: its exponent, and where it becomes costly and changes its growth.
-    fn growth(&self) -> Vec<Part> {
+    fn growth(&self) -> Vec<Block> {
         let title = self.title("growth");
         if self.experiment.is_category(self.axis) {
             let words = "Its values are names: no exponents and no knees.";
-            return vec![title, Part::paragraph(words)];
+            return vec![title, Block::paragraph(words)];
         }
         let share = percent(self.share).replace(".0 %", " %");
         let costly = format!("More than {share} of the frame");
@@ -138,12 +142,12 @@ impl<'v> Sizes<'v> {
         let [exponent, change] = self.exponent_and_change(&frame);
         rows.push(["whole frame".into(), exponent, "–".into(), change]);
         let rows = rows.into_iter().map(|row| row.map(Field::from));
-        vec![title, Part::Table(Table::new("Growth", columns).with_rows(rows))]
+        vec![title, Block::Table(Table::new("Growth", columns).with_rows(rows))]
     }
 
     fn stage_growth(&self, stage: &str) -> [Line; 4] {
         let points = self.columns().filter_map(|(cell, measured)| {
-            let (least, most) = shares(measured, of(measured, stage)?);
+            let (least, most) = shares(measured, find_stage(measured, stage)?);
             Some(ShareAt { size: self.size(cell, measured)?, least, most })
         });
         let points = points.sorted_by(|a, b| a.size.total_cmp(&b.size)).collect_vec();
@@ -194,7 +198,7 @@ impl<'v> Sizes<'v> {
     }
 }
 
-fn of<'m>(measured: &'m Measured, stage: &str) -> Option<&'m StageRecord> {
+fn find_stage<'m>(measured: &'m Measured, stage: &str) -> Option<&'m StageRecord> {
     measured.stages.iter().find(|one| one.stage == stage)
 }
 
@@ -247,8 +251,8 @@ mod tests {
                 of.toml = format!("knee_share = 0.1\n{}", of.toml);
             }
         }
-        let text = terminal(&parts(&ReportView::new(&records, None)));
-        let page = crate::PAGE.run(&ReportView::new(&records, None)).files().remove(0);
+        let text = terminal(&parts(&Report::new(&records, None)));
+        let page = crate::PAGE.run(&Report::new(&records, None)).files().remove(0);
         let page = String::from_utf8(page.bytes).unwrap();
         for words in [
             "uw-photons: times over ",

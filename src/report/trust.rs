@@ -6,9 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use itertools::Itertools;
 
 use super::facts::share;
-use super::{ReportView, Section};
+use super::{Report, Section};
 use fathom_base::statistics;
-use fathom_experiments::{CHANCE, Verdict, least_samples};
+use fathom_experiments::{CHANCE, Verdict, min_samples};
 use fathom_judge::clocks::{ClockTrust, clocks};
 use fathom_record::{
     Cell, Clock, Conditions, Estimate, FrameRecord, Interval, PassKind, Run, SetUp, Throttling,
@@ -16,7 +16,7 @@ use fathom_record::{
 };
 
 /// Of several sessions the one with the clock that can be trusted least; the latest of equal ones.
-pub fn worst<'a>(view: &ReportView<'a>) -> Option<&'a Run> {
+pub fn worst<'a>(view: &Report<'a>) -> Option<&'a Run> {
     let trust = |run: &&Run| clocks(run).map(|(.., trust)| trust).max();
     view.runs.iter().copied().max_by_key(trust)
 }
@@ -69,19 +69,19 @@ pub fn conditions(run: &Run) -> String {
 
 /// What they are about, and words: of what was timed, then of the verdicts; of the clocks [`verdict`] tells. What cannot be said of a
 /// run is left out.
-pub fn facts(view: &ReportView<'_>) -> impl Iterator<Item = (&'static str, String)> {
+pub fn facts(view: &Report<'_>) -> impl Iterator<Item = (&'static str, String)> {
     let all = [
         ("cells with few samples", few_samples(view)),
         ("cost of timing", timing_cost(view)),
         ("throttled by heat or power", throttled(view)),
-        ("verdicts by chance", by_chance(view)),
+        ("verdicts by chance", false_alarms(view)),
     ];
     all.into_iter().filter_map(|(about, words)| Some((about, words?)))
 }
 
 /// Timed cells with fewer samples than a verdict needs.
-fn few_samples(view: &ReportView<'_>) -> Option<String> {
-    let needed = least_samples();
+fn few_samples(view: &Report<'_>) -> Option<String> {
+    let needed = min_samples();
     let counts: Vec<usize> = view.timed().map(|(_, cell)| cell.frame.untimed.n).collect();
     let fewest = counts.iter().min()?;
     let few = counts.iter().filter(|n| **n < needed).count();
@@ -96,7 +96,7 @@ fn few_samples(view: &ReportView<'_>) -> Option<String> {
 
 /// Timed over untimed frames: over the pairs of all cells, as one cell's few pairs tell the machine's noise rather; and of the cell
 /// whose frame timing makes most longer.
-fn timing_cost(view: &ReportView<'_>) -> Option<String> {
+fn timing_cost(view: &Report<'_>) -> Option<String> {
     let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
     let costs = frames().map(|(cell, frame)| (cell, &frame.timing_cost));
     let costs = costs.filter(|(_, cost)| cost.median.is_finite() && cost.n > 0);
@@ -129,9 +129,10 @@ fn place(cell: &Cell) -> String {
 
 /// Cells that were measured while heat or power held clocks down, of those whose samples know the state of the machine: `2 of 9 cells:
 /// power cap; at worst 12 of 40 samples (uw-photons 400x400)`.
-fn throttled(view: &ReportView<'_>) -> Option<String> {
+fn throttled(view: &Report<'_>) -> Option<String> {
     let known = view.timed().filter(|(_, measured)| !measured.frame.machine.is_empty());
-    let known = known.map(|(cell, measured)| (cell, Throttling::of(&measured.frame.machine)));
+    let known =
+        known.map(|(cell, measured)| (cell, Throttling::from_states(&measured.frame.machine)));
     let known = known.collect_vec();
     let held = known.iter().filter_map(|(cell, held)| Some((cell, held.as_ref()?))).collect_vec();
     let share = |held: &Throttling| held.throttled as f64 / held.samples as f64;
@@ -149,8 +150,7 @@ fn throttled(view: &ReportView<'_>) -> Option<String> {
     ))
 }
 
-/// How many verdicts chance alone would bring about.
-fn by_chance(view: &ReportView<'_>) -> Option<String> {
+fn false_alarms(view: &Report<'_>) -> Option<String> {
     let rulings = view.sections.iter().flat_map(Section::rulings);
     let tested = rulings.filter(|ruling| ruling.verdict != Verdict::NotRun);
     let sampled = tested.filter(|ruling| ruling.n.is_some()).count();
@@ -164,7 +164,7 @@ fn by_chance(view: &ReportView<'_>) -> Option<String> {
 }
 
 /// What a run does besides rendering frames, seconds over all runs of the records, the longest first.
-pub fn set_up_parts(view: &ReportView<'_>) -> Vec<(SetUp, f64)> {
+pub fn set_up_parts(view: &Report<'_>) -> Vec<(SetUp, f64)> {
     let mut parts = BTreeMap::<SetUp, f64>::new();
     for (part, s) in view.ends.iter().flat_map(|end| &end.set_up_parts_s) {
         *parts.entry(*part).or_default() += s;
@@ -182,7 +182,7 @@ pub struct TimedSample {
 }
 
 /// The untimed frames of all cells by time.
-pub fn samples_by_time(view: &ReportView<'_>) -> Vec<TimedSample> {
+pub fn samples_by_time(view: &Report<'_>) -> Vec<TimedSample> {
     let of_frame = |frame: &FrameRecord| {
         let median = frame.untimed.median;
         let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn cells_with_throttled_clocks_are_counted_with_the_reasons() {
         let mut records = fixtures::run();
-        assert_eq!(throttled(&ReportView::new(&records, None)), None);
+        assert_eq!(throttled(&Report::new(&records, None)), None);
         let state = |throttle: &[ThrottleReason]| MachineState {
             throttle: throttle.to_vec(),
             ..MachineState::default()
@@ -218,7 +218,7 @@ mod tests {
             let second = if number < 2 { held.clone() } else { idle.clone() };
             measured.frame.machine = vec![idle.clone(), second];
         }
-        let words = throttled(&ReportView::new(&records, None)).unwrap();
+        let words = throttled(&Report::new(&records, None)).unwrap();
         assert!(
             words.starts_with("2 of 3 cells: sw power cap; at worst 1 of 2 samples ("),
             "{words}"
@@ -228,12 +228,12 @@ mod tests {
     #[test]
     fn few_samples_are_counted() {
         let mut records = fixtures::run();
-        let told = few_samples(&ReportView::new(&records, None)).unwrap();
+        let told = few_samples(&Report::new(&records, None)).unwrap();
         assert!(told.starts_with("every cell has at least 15 samples"), "{told}");
-        let fewest = least_samples() - 1;
+        let fewest = min_samples() - 1;
         let cells = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
         cells.take(2).for_each(|measured| measured.frame.untimed.n = fewest);
-        let told = few_samples(&ReportView::new(&records, None)).unwrap();
+        let told = few_samples(&Report::new(&records, None)).unwrap();
         let end = format!("the least is {fewest}");
         assert!(told.starts_with("2 of ") && told.ends_with(&end), "{told}");
     }
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn samples_stand_in_the_order_of_time_about_their_median() {
         let records = fixtures::run();
-        let samples = samples_by_time(&ReportView::new(&records, None));
+        let samples = samples_by_time(&Report::new(&records, None));
         assert!(samples.is_sorted_by(|a, b| a.at_s <= b.at_s) && samples[0].at_s == 0.0);
         let relative = samples.iter().map(|sample| sample.relative).collect_vec();
         assert!((statistics::median(&relative) - 1.0).abs() < 0.01);

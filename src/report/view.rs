@@ -14,17 +14,17 @@ use serde_json::Value;
 use super::charts::{self, Figure};
 use super::colors::StageColors;
 use super::document::Span;
-use fathom_base::folder::Folder;
+use fathom_base::folder::Dir;
 use fathom_base::private;
 use fathom_experiments as experiments;
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{Experiment, Ruling, label_text};
-use fathom_judge::claims::{self, Entry};
+use fathom_judge::claims::{self, RunCell};
 use fathom_judge::run::RunVerdict;
-use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run, Standing};
+use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run, RunProgress};
 
 #[derive(Default)]
-pub struct ReportView<'a> {
+pub struct Report<'a> {
     pub runs: Vec<&'a Run>,
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
@@ -33,24 +33,24 @@ pub struct ReportView<'a> {
     /// Where the run's pictures lie.
     pub folder: Option<PathBuf>,
     /// Of a run that goes on.
-    pub standing: Option<Standing>,
+    pub standing: Option<RunProgress>,
     /// What of the input it does not hold.
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<SkippedInput>,
     /// How noisy the run was; none where no cell was timed.
     pub verdict: Option<RunVerdict>,
 }
 
 /// Something of the input that a report does not show.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LeftOut {
+pub struct SkippedInput {
     /// A folder, a file, or lines of it.
     pub what: String,
     pub reason: String,
 }
 
-impl LeftOut {
-    pub fn new(what: impl Display, reason: impl Display) -> LeftOut {
-        LeftOut { what: what.to_string(), reason: reason.to_string() }
+impl SkippedInput {
+    pub fn new(what: impl Display, reason: impl Display) -> SkippedInput {
+        SkippedInput { what: what.to_string(), reason: reason.to_string() }
     }
 
     pub fn line(&self) -> String {
@@ -58,8 +58,8 @@ impl LeftOut {
     }
 
     /// The damaged lines of a file.
-    pub fn lines(path: &Path, damaged: &Damaged) -> Option<LeftOut> {
-        (!damaged.is_empty()).then(|| LeftOut::new(path.display(), damaged))
+    pub fn lines(path: &Path, damaged: &Damaged) -> Option<SkippedInput> {
+        (!damaged.is_empty()).then(|| SkippedInput::new(path.display(), damaged))
     }
 }
 
@@ -78,7 +78,7 @@ pub struct Section<'a> {
     pub experiment: Option<Experiment>,
     /// Why there is none.
     pub problem: Option<String>,
-    pub entries: Vec<Entry<'a>>,
+    pub entries: Vec<RunCell<'a>>,
     /// Its pictures and their cells, by path.
     pub pictures: Vec<(&'a Cell, &'a Picture)>,
     /// The latest of the view.
@@ -91,25 +91,25 @@ pub struct Section<'a> {
     figure: OnceCell<Figure>,
 }
 
-impl<'a> ReportView<'a> {
+impl<'a> Report<'a> {
     /// With the pictures that lie in `folder`; without one, all that the records name.
-    pub fn new(records: &'a [Record], folder: Option<&Path>) -> ReportView<'a> {
-        let mut view = ReportView { folder: folder.map(Path::to_owned), ..ReportView::default() };
+    pub fn new(records: &'a [Record], folder: Option<&Path>) -> Report<'a> {
+        let mut view = Report { folder: folder.map(Path::to_owned), ..Report::default() };
         let mut sections = IndexMap::<&str, Section<'a>>::new();
         // By experiment and cell: one that was measured again keeps its place.
-        let mut entries = IndexMap::<(&str, &str), Entry<'a>>::new();
+        let mut entries = IndexMap::<(&str, &str), RunCell<'a>>::new();
         for record in records {
             match record {
                 Record::Run(run) => view.runs.push(run),
                 Record::End(end) => view.ends.push(end),
                 Record::Experiment(definition) => {
                     let parsed = Experiment::parse(&definition.id, &definition.toml);
-                    Section::of(&definition.id, &mut sections).define(parsed);
+                    Section::get_or_add(&definition.id, &mut sections).define(parsed);
                 }
                 Record::Cell(cell) => {
                     let run = view.runs.last().copied();
-                    Section::of(&cell.experiment, &mut sections);
-                    entries.insert((&cell.experiment, &cell.cell), Entry { cell, run });
+                    Section::get_or_add(&cell.experiment, &mut sections);
+                    entries.insert((&cell.experiment, &cell.cell), RunCell { cell, run });
                 }
                 Record::Begun(_) | Record::Comparison(_) => {}
             }
@@ -123,7 +123,7 @@ impl<'a> ReportView<'a> {
         view.colors = Rc::new(StageColors::new(stages.map(|stage| stage.stage.as_str())));
         let run = view.run();
         let frames = view.timed().map(|(_, measured)| &measured.frame).collect_vec();
-        view.verdict = run.and_then(|run| RunVerdict::of(run, &frames));
+        view.verdict = run.and_then(|run| RunVerdict::judge(run, &frames));
         for section in &mut view.sections {
             (section.run, section.colors) = (run, Rc::clone(&view.colors));
             section.finish(folder);
@@ -135,7 +135,7 @@ impl<'a> ReportView<'a> {
         self.runs.last().copied()
     }
 
-    pub fn entries(&self) -> impl Iterator<Item = &Entry<'a>> {
+    pub fn entries(&self) -> impl Iterator<Item = &RunCell<'a>> {
         self.sections.iter().flat_map(|section| &section.entries)
     }
 
@@ -149,8 +149,7 @@ impl<'a> ReportView<'a> {
 }
 
 impl<'a> Section<'a> {
-    /// The one of this experiment, which is added if need be.
-    fn of<'s>(
+    fn get_or_add<'s>(
         id: &'a str,
         sections: &'s mut IndexMap<&'a str, Section<'a>>,
     ) -> &'s mut Section<'a> {
@@ -190,7 +189,7 @@ impl<'a> Section<'a> {
             let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
             a_rank.cmp(&b_rank).then_with(|| compare_axes(a.cell, b.cell))
         });
-        let folder = folder.map(Folder::open);
+        let folder = folder.map(Dir::open);
         let is_there = |picture: &Picture| match &folder {
             None => true,
             Some(folder) => folder.as_ref().is_ok_and(|folder| folder.has_file(&picture.path)),
@@ -242,7 +241,7 @@ impl<'a> Section<'a> {
     }
 
     pub(super) fn figure(&self) -> &Figure {
-        self.figure.get_or_init(|| Figure::of(self))
+        self.figure.get_or_init(|| Figure::draw(self))
     }
 
     /// Its name, with its plots where it has some.

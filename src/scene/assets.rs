@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use super::{check, read};
 use fathom_base::input;
 
-pub use catalogue::{ASSETS, Asset, Content, Source};
+pub use catalogue::{ASSETS, Asset, AssetKind, AssetSource};
 
 /// The folders that are searched.
 pub struct Places {
@@ -23,11 +23,11 @@ pub struct Places {
 
 /// The folder in which fathom keeps what it has fetched; none where there is no home folder and `FATHOM_CACHE` is not set.
 pub fn cache() -> Option<PathBuf> {
-    Places::of_this_machine().cache
+    Places::detect().cache
 }
 
 /// The folder for what fathom can make again, by each system's convention.
-fn of_this_user() -> Option<PathBuf> {
+fn user_cache() -> Option<PathBuf> {
     let absolute = |name: &str| {
         std::env::var_os(name).map(PathBuf::from).filter(|folder| folder.is_absolute())
     };
@@ -44,13 +44,13 @@ fn of_this_user() -> Option<PathBuf> {
 }
 
 impl Places {
-    pub fn of_this_machine() -> Places {
+    pub fn detect() -> Places {
         let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
         let home = std::env::home_dir().map(|home| home.join(".cargo"));
         Places {
             cache: variable("FATHOM_CACHE")
                 .map(PathBuf::from)
-                .or_else(|| Some(of_this_user()?.join("assets"))),
+                .or_else(|| Some(user_cache()?.join("assets"))),
             cargo_home: variable("CARGO_HOME").map(PathBuf::from).or(home),
             root: PathBuf::from("/"),
         }
@@ -61,14 +61,14 @@ impl Places {
         let mut names = vec![asset.file.to_owned()];
         let mut installed = Vec::new();
         match &asset.source {
-            Source::Debian { path, .. } => {
+            AssetSource::Debian { path, .. } => {
                 installed.push(self.root.join(path.trim_start_matches('/')));
             }
-            Source::Crate { name, version, member } => {
-                installed = self.in_registry(&format!("{name}-{version}"), member);
+            AssetSource::Crate { name, version, member } => {
+                installed = self.find_in_registry(&format!("{name}-{version}"), member);
             }
-            Source::Npm { .. } => {}
-            Source::ByHand => names.push(format!("{}.gz", asset.file)),
+            AssetSource::Npm { .. } => {}
+            AssetSource::ByHand => names.push(format!("{}.gz", asset.file)),
         }
         let cached = self.cache.iter().flat_map(|cache| names.iter().map(|name| cache.join(name)));
         let cached = cached.map(|path| (path, "cached".to_owned()));
@@ -78,7 +78,7 @@ impl Places {
     }
 
     /// `member` of an unpacked crate, in each registry that cargo knows.
-    pub fn in_registry(&self, folder: &str, member: &str) -> Vec<PathBuf> {
+    pub fn find_in_registry(&self, folder: &str, member: &str) -> Vec<PathBuf> {
         let sources = self.cargo_home.iter().map(|home| home.join("registry/src"));
         let registries = sources.filter_map(|sources| std::fs::read_dir(sources).ok());
         let paths = registries.flatten().flatten().map(|registry| registry.path());
@@ -107,12 +107,12 @@ impl Asset {
     /// What is used in the asset's place, and how to get it.
     pub(super) fn stand_in_note(&self, size: &str) -> String {
         let (name, generator) = (self.name, self.stand_in.0);
-        let why = match Places::of_this_machine().locate(self) {
+        let why = match Places::detect().locate(self) {
             Err(_) => "asset has the wrong SHA-256",
             Ok(_) => "asset absent",
         };
         let verb = match self.source {
-            Source::ByHand => "tells where to put it",
+            AssetSource::ByHand => "tells where to put it",
             _ => "gets it",
         };
         format!("{name}: {why}, stand-in `{generator}` ({size}); `fathom fetch {name}` {verb}")
@@ -126,7 +126,7 @@ impl Asset {
         }
         let (name, place) = (self.name, path.display());
         let remedy = match self.source {
-            Source::ByHand => format!("put the right {} in its place", self.file),
+            AssetSource::ByHand => format!("put the right {} in its place", self.file),
             _ => format!("`fathom fetch {name}` gets the right one"),
         };
         Err(format!(
@@ -137,7 +137,7 @@ impl Asset {
     /// The SHA-256 of a file as the asset's is pinned.
     pub fn sum(&self, path: &Path) -> Result<String, String> {
         let sum = match self.source {
-            Source::ByHand => read::open(path).and_then(input::sha256),
+            AssetSource::ByHand => read::open(path).and_then(input::sha256),
             _ => File::open(path).and_then(input::sha256),
         };
         sum.map_err(|error| self.unusable(path, &error))
@@ -159,5 +159,5 @@ pub fn named(name: &str) -> Result<&'static Asset, String> {
 /// The asset's file, if it is there and has the right sum.
 pub fn find(name: &str) -> Option<PathBuf> {
     let asset = named(name).ok()?;
-    Places::of_this_machine().locate(asset).ok()?.map(|f| f.0)
+    Places::detect().locate(asset).ok()?.map(|f| f.0)
 }

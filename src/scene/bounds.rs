@@ -16,7 +16,7 @@ impl Bounds {
     /// The box that holds nothing: growing it by a point gives that point.
     pub const EMPTY: Bounds = Bounds { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
-    pub fn around(points: impl IntoIterator<Item = DVec3>) -> Bounds {
+    pub fn from_points(points: impl IntoIterator<Item = DVec3>) -> Bounds {
         let boxes = points.into_iter().map(|point| Bounds { min: point, max: point });
         boxes.fold(Bounds::EMPTY, Bounds::union)
     }
@@ -36,7 +36,7 @@ impl Bounds {
 
     /// How many times as large as scene tank, by the diagonal: lengths that were tuned there are multiplied by it. It is rounded, so that
     /// they keep their digits, and powers of two times a scene stay such.
-    pub fn times_tank(&self) -> f64 {
+    pub fn tank_scale(&self) -> f64 {
         let times = self.size().length() / TANK_M;
         let step = (times.log2().floor() - 7.0).exp2();
         if times.is_finite() && times > 0.0 { (times / step).round() * step } else { 1.0 }

@@ -123,7 +123,7 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check::{Refusal, assert_refused};
+    use super::super::check::{InvalidCase, assert_refused};
     use super::*;
 
     fn camera() -> Camera {
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn bad_values_are_named() {
-        let cases: &[Refusal<Camera>] = &[
+        let cases: &[InvalidCase<Camera>] = &[
             (|c| c.z_near_m = 30.0, "camera.z_near_m"),
             (|c| c.z_near_m = 0.0, "camera.z_near_m"),
             (|c| c.z_far_m = f64::INFINITY, "camera.z_far_m"),

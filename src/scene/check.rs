@@ -1,18 +1,18 @@
 //! Checks of parameters. Each error names the parameter, its value and the valid range.
 
-use fathom_base::parameter::{self, Beside, Setting};
+use fathom_base::parameter::{self, FieldMeta, Setting};
 use fathom_base::text;
 
 /// Largest coordinate or distance that a scene may use, metres: f32 keeps centimetres there.
 pub const FAR_M: f64 = 1e5;
 
-pub fn within(name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
-    parameter::within(name, value, low, high).map_err(|error| error.to_string())
+pub fn check_range(name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
+    parameter::check_range(name, value, low, high).map_err(|error| error.to_string())
 }
 
 /// Every parameter of a group lies in its range.
 pub fn within_ranges<T: Setting>(path: &str, group: &T) -> Result<(), String> {
-    group.check(Beside { path, ..Beside::default() }).map_err(|error| error.to_string())
+    group.check(FieldMeta { path, ..FieldMeta::default() }).map_err(|error| error.to_string())
 }
 
 /// Every component is finite and no farther than [`FAR_M`].
@@ -25,14 +25,14 @@ pub fn point(name: &str, value: &[f64]) -> Result<(), String> {
 
 /// A change that makes a value invalid, and what the error then says.
 #[cfg(test)]
-pub type Refusal<T> = (fn(&mut T), &'static str);
+pub type InvalidCase<T> = (fn(&mut T), &'static str);
 
 /// Each change makes a valid value one that `validate` refuses.
 #[cfg(test)]
 pub fn assert_refused<T: Clone>(
     valid: &T,
     validate: impl Fn(&T) -> Result<(), String>,
-    cases: &[Refusal<T>],
+    cases: &[InvalidCase<T>],
 ) {
     assert_eq!(validate(valid), Ok(()));
     for (change, text) in cases {

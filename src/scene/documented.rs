@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::generators::{self, Param, fields};
 use super::{Camera, Light, Material, ObjectFile, SceneFile, Transform, VolumeFile, Water, Wave};
-use fathom_base::parameter::{self, Allowed, Field, Setting, names_of};
+use fathom_base::parameter::{self, Allowed, ParamField, Setting, names_of};
 
 const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/scenes.md");
 /// Resolved while a file is read: they never reach the type.
@@ -26,7 +26,7 @@ fn rows<T: Setting>(defaults: &impl Serialize) -> String {
     // By text, so that 32-bit floats are as short as they are written.
     let text = serde_json::to_string(defaults).expect("plain values");
     let defaults: Value = serde_json::from_str(&text).expect("what was written");
-    let row = |Field { path, allowed, unit, about }: Field| {
+    let row = |ParamField { path, allowed, unit, about }: ParamField| {
         let range = match allowed {
             Allowed::Numbers(range) => format!("{} to {}", range.low, range.high),
             Allowed::Names(names) => format!("`{}`", names.join("`, `")),

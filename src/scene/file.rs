@@ -64,7 +64,7 @@ pub struct ObjectFile {
 /// What an object's y is measured from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stand {
+pub enum Anchor {
     /// The floor at y = −`floor_depth_m`.
     #[default]
     Floor,
@@ -72,7 +72,7 @@ pub enum Stand {
     Surface,
 }
 
-choices!(Stand);
+choices!(Anchor);
 
 settings! {
     /// Where an object goes: fitted, scaled, turned, then moved.
@@ -87,16 +87,16 @@ settings! {
         /// Where it is moved, y from `on`.
         translate_m: [f64; 3] = [0.0; 3];
         /// What y is measured from: the floor, or the water at rest.
-        on: Stand = Stand::Floor;
+        on: Anchor = Anchor::Floor;
     }
 }
 
-impl Stand {
+impl Anchor {
     /// The y of the ground, metres.
     pub fn height_m(self, floor_depth_m: f64) -> f64 {
         match self {
-            Stand::Floor => -floor_depth_m,
-            Stand::Surface => 0.0,
+            Anchor::Floor => -floor_depth_m,
+            Anchor::Surface => 0.0,
         }
     }
 }
@@ -131,7 +131,7 @@ impl Transform {
 impl SceneFile {
     /// A built-in scene's file by name, or one by path; of a mesh's path the mesh on a plate.
     pub fn load(name_or_path: &str) -> Result<SceneFile, SceneError> {
-        SceneFile::load_from(&Folders::of(SCENES), name_or_path)
+        SceneFile::load_from(&Folders::new(SCENES), name_or_path)
     }
 
     /// The file of a scene of these folders by name, or one by path.
@@ -146,7 +146,7 @@ impl SceneFile {
 
     /// Reads the text of a scene file; `origin` is its path, for errors and relative paths.
     pub fn parse(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
-        SceneFile::read(&Folders::of(SCENES), origin.to_owned(), text)
+        SceneFile::read(&Folders::new(SCENES), origin.to_owned(), text)
     }
 
     fn read(folders: &Folders, origin: String, text: &str) -> Result<SceneFile, SceneError> {
@@ -156,8 +156,8 @@ impl SceneFile {
         Ok(file)
     }
 
-    /// [`Bounds::times_tank`] of the objects and the volume, 1 where they cannot be made: lengths that nobody set are multiplied by it.
-    pub fn times_tank(&self) -> f64 {
+    /// [`Bounds::tank_scale`] of the objects and the volume, 1 where they cannot be made: lengths that nobody set are multiplied by it.
+    pub fn tank_scale(&self) -> f64 {
         static KNOWN: Mutex<BTreeMap<String, f64>> = Mutex::new(BTreeMap::new());
         let what = (&self.folder, self.floor_depth_m, &self.objects, &self.volume);
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
@@ -167,13 +167,13 @@ impl SceneFile {
             for volume in coarse.volume.iter_mut().filter(|volume| volume.generator.is_some()) {
                 (volume.cells, volume.reduce) = ([8; 3], 1);
             }
-            Scene::build(&coarse).map_or(1.0, |scene| scene.solid_bounds().times_tank())
+            Scene::build(&coarse).map_or(1.0, |scene| scene.solid_bounds().tank_scale())
         })
     }
 
     /// Whether all values can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
-        check::within("floor_depth_m", self.floor_depth_m, 1e-5, 1e5)?;
+        check::check_range("floor_depth_m", self.floor_depth_m, 1e-5, 1e5)?;
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
@@ -246,7 +246,7 @@ impl ObjectFile {
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name)?;
-        if !matches!(asset.content, assets::Content::Mesh) {
+        if !matches!(asset.content, assets::AssetKind::Mesh) {
             return Err(format!("asset `{name}` is a volume: it belongs to [volume]"));
         }
         if let Some(path) = assets::find(name) {

@@ -73,13 +73,13 @@ impl Rectangle {
         Rectangle { min: DVec2::splat(-half), max: DVec2::splat(half) }
     }
 
-    pub fn around(points: impl IntoIterator<Item = DVec2>) -> Rectangle {
+    pub fn from_points(points: impl IntoIterator<Item = DVec2>) -> Rectangle {
         let empty = Rectangle { min: DVec2::INFINITY, max: DVec2::NEG_INFINITY };
         points.into_iter().fold(empty, |r, p| Rectangle { min: r.min.min(p), max: r.max.max(p) })
     }
 
     /// The part of this rectangle inside `other`; `other` itself if that part has no area.
-    pub fn within(&self, other: &Rectangle) -> Rectangle {
+    pub fn intersection(&self, other: &Rectangle) -> Rectangle {
         let cut = Rectangle { min: self.min.max(other.min), max: self.max.min(other.max) };
         if cut.max.cmpgt(cut.min).all() { cut } else { *other }
     }
@@ -101,11 +101,11 @@ mod tests {
     #[test]
     fn the_smaller_of_box_and_frustum_is_seen_whole_and_nothing_behind_the_camera() {
         let around = |half: f64| Bounds { min: DVec3::splat(-half), max: DVec3::splat(half) };
-        let frustum = Bounds::around(camera().frustum_corners(1.3));
+        let frustum = Bounds::from_points(camera().frustum_corners(1.3));
         for (bounds, whole, off) in
             [(around(0.5), around(0.5), 1e-9), (around(50.0), frustum, 1e-6)]
         {
-            let seen = Bounds::around(visible_points(&camera(), 1.3, &bounds));
+            let seen = Bounds::from_points(visible_points(&camera(), 1.3, &bounds));
             assert!((seen.min - whole.min).length() < off);
             assert!((seen.max - whole.max).length() < off);
         }

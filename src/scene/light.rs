@@ -8,7 +8,7 @@ use super::bounds::Bounds;
 use super::camera::Camera;
 use super::check::within_ranges;
 use super::frustum::{Rectangle, clip, surface_within, visible_points};
-use super::light_frame::{LEAST_DEPTH, LightFrame, LightKind, POINT_MAX_TANGENT, tangent};
+use super::light_frame::{LightFrame, LightKind, MIN_DEPTH, POINT_MAX_TANGENT, tangent};
 use super::photon_start::{PhotonStart, Refraction, hull};
 use super::water::Water;
 use fathom_base::settings;
@@ -68,7 +68,7 @@ impl Light {
             LightKind::Point => DVec3::from(self.position_m),
         };
         let forward = (middle - position).try_normalize().unwrap_or(DVec3::NEG_Y);
-        let view = view::look_to_mat4(position, forward, up_for(forward));
+        let view = view::look_to_mat4(position, forward, up_vector(forward));
         let reach = (middle - position).length();
         let mut seen = visible_points(camera, aspect, bounds);
         let (kind, steepest) = (self.kind, water.steepest());
@@ -164,12 +164,12 @@ impl Light {
     /// A box along the view's −z around `seen`, and its cross-section.
     fn orthographic(&self, view: &DMat4, seen: &[DVec3], bounds: &Bounds) -> (DMat4, Rectangle) {
         let across = |points: &[DVec3]| {
-            Rectangle::around(points.iter().map(|p| view.transform_point3(*p).truncate()))
+            Rectangle::from_points(points.iter().map(|p| view.transform_point3(*p).truncate()))
         };
         let (near, far) = depth_range(view, &bounds.corners());
         let r = match self.half_extent_m {
             h if h > 0.0 => Rectangle::square(h),
-            _ => across(seen).within(&across(&bounds.corners())),
+            _ => across(seen).intersection(&across(&bounds.corners())),
         };
         let slack_m = DEPTH_SLACK * bounds.size().length();
         let (near, far) = (near - slack_m, far + slack_m);
@@ -192,7 +192,7 @@ impl Light {
         };
         let r = match self.half_extent_m {
             h if h > 0.0 => Rectangle::square((h / reach).min(POINT_MAX_TANGENT)),
-            _ => tangents(seen).within(&tangents(&bounds.corners())),
+            _ => tangents(seen).intersection(&tangents(&bounds.corners())),
         };
         let (nearest, farthest) = depth_range(view, &lit_within(bounds, view, &r));
         let size_m = bounds.size().length();
@@ -205,7 +205,7 @@ impl Light {
 }
 
 /// An up vector that is never parallel to `forward`.
-fn up_for(forward: DVec3) -> DVec3 {
+fn up_vector(forward: DVec3) -> DVec3 {
     if forward.z.abs() < 0.9 { DVec3::Z } else { DVec3::X }
 }
 
@@ -236,7 +236,7 @@ fn lit_within(bounds: &Bounds, view: &DMat4, r: &Rectangle) -> Vec<DVec3> {
 fn tangent_range(points: &[DVec3], side: DVec3) -> [f64; 2] {
     let flat = points.iter().map(|p| DVec2::new(p.dot(side), p.z)).collect::<Vec<_>>();
     let outline = hull(&flat).iter().map(|p| DVec3::new(p.x, 0.0, p.y)).collect();
-    let ahead = clip(outline, &[DVec4::new(0.0, 0.0, -1.0, -LEAST_DEPTH)]);
+    let ahead = clip(outline, &[DVec4::new(0.0, 0.0, -1.0, -MIN_DEPTH)]);
     let tangents = ahead.iter().map(|p| tangent(*p).x);
     tangents.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], t| [a.min(t), b.max(t)])
 }
@@ -252,7 +252,7 @@ fn solid_angle(r: &Rectangle) -> f64 {
 mod tests {
     use itertools::iproduct;
 
-    use super::super::check::{Refusal, assert_refused};
+    use super::super::check::{InvalidCase, assert_refused};
     use super::*;
 
     fn camera() -> Camera {
@@ -414,7 +414,7 @@ mod tests {
 
     #[test]
     fn bad_values_are_named() {
-        let cases: &[Refusal<Light>] = &[
+        let cases: &[InvalidCase<Light>] = &[
             (|l| l.direction = [0.0, 1.0, 0.0], "light.direction"),
             (|l| l.direction = [0.0; 3], "has no direction"),
             (|l| l.direction = [0.0, -1e-200, 0.0], "has no direction"),

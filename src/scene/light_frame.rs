@@ -65,10 +65,10 @@ impl LightFrame {
 }
 
 /// Least depth of a view-space point.
-pub const LEAST_DEPTH: f64 = 1e-9;
+pub const MIN_DEPTH: f64 = 1e-9;
 
 /// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`].
 pub fn tangent(p: DVec3) -> DVec2 {
-    let depth = (-p.z).max(LEAST_DEPTH);
+    let depth = (-p.z).max(MIN_DEPTH);
     (p.truncate() / depth).clamp(DVec2::splat(-POINT_MAX_TANGENT), DVec2::splat(POINT_MAX_TANGENT))
 }

@@ -35,7 +35,7 @@ impl Mesh {
     }
 
     pub fn bounds(&self) -> Bounds {
-        Bounds::around(self.positions.iter().map(|p| Vec3::from(*p).as_dvec3()))
+        Bounds::from_points(self.positions.iter().map(|p| Vec3::from(*p).as_dvec3()))
     }
 
     /// The corners of triangle `index`.
@@ -146,7 +146,7 @@ impl Mesh {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check::{Refusal, assert_refused};
+    use super::super::check::{InvalidCase, assert_refused};
     use super::*;
 
     fn triangle() -> Mesh {
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn faults_are_found() {
-        let cases: &[Refusal<Mesh>] = &[
+        let cases: &[InvalidCase<Mesh>] = &[
             (|m| m.indices[2] = 7, "uses vertex 7"),
             (|m| m.positions[1][0] = f32::NAN, "vertex 1"),
             (|m| m.indices.clear(), "no triangles"),

@@ -5,9 +5,9 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use super::read::{MAX_TRIANGLES, Source, open, text_of};
+use super::read::{FileReader, MAX_TRIANGLES, open, text_of};
 use super::{Mesh, check, gltf, obj, ply, stl};
-use fathom_base::tell;
+use fathom_base::print;
 
 /// What a mesh file holds of one colour.
 pub struct MeshPart {
@@ -68,7 +68,7 @@ pub fn read_parts(path: &Path, triangles: usize) -> Result<Vec<MeshPart>, String
 
 fn of_text(
     file: Box<dyn Read>,
-    read: impl FnOnce(Source) -> Result<Mesh, String>,
+    read: impl FnOnce(FileReader) -> Result<Mesh, String>,
 ) -> Result<Vec<MeshPart>, String> {
     let mesh = read(text_of(file).map_err(|error| error.to_string())?)?;
     Ok(vec![mesh.into()])
@@ -78,7 +78,7 @@ fn of_text(
 fn note_once(note: String) {
     static KNOWN: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     if KNOWN.lock().unwrap_or_else(PoisonError::into_inner).insert(note.clone()) {
-        tell::note(note);
+        print::note(note);
     }
 }
 

@@ -43,7 +43,7 @@ use thiserror::Error;
 
 pub use bounds::Bounds;
 pub use camera::Camera;
-pub use file::{ObjectFile, SceneFile, Stand, Transform};
+pub use file::{Anchor, ObjectFile, SceneFile, Transform};
 pub use grid::Grid;
 pub use light::Light;
 pub use light_frame::{LightFrame, LightKind};
@@ -128,7 +128,7 @@ impl Material {
     fn validate(&self) -> Result<(), String> {
         for (name, colour) in [("albedo", self.albedo), ("accent", self.accent)] {
             for c in colour {
-                check::within(&format!("material.{name}"), f64::from(c), 0.0, 1.0)?;
+                check::check_range(&format!("material.{name}"), f64::from(c), 0.0, 1.0)?;
             }
         }
         if self.optics == Optics::Glass && self.is_opaque() {
@@ -255,7 +255,7 @@ fn solid_bounds(objects: &[Object], volume: Option<&Volume>) -> Bounds {
 
 /// The bounds with the water's surface and the room above it.
 fn with_water(solid: Bounds, water: &Water) -> Bounds {
-    let headroom_m = HEADROOM_M * solid.times_tank();
+    let headroom_m = HEADROOM_M * solid.tank_scale();
     let [x, z] = water.center_m;
     let [half_x, half_z] = water.half_size_m;
     let bound = water.bound_m();

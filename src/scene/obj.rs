@@ -9,7 +9,7 @@ use std::io::{self, BufRead, Read, Write};
 use glam::Vec3;
 use tobj::{LoadError, LoadOptions};
 
-use super::read::{self, MAX_VERTICES, Source};
+use super::read::{self, FileReader, MAX_VERTICES};
 use super::{Mesh, polygon};
 use fathom_base::input::{LineEnd, next_line};
 
@@ -27,7 +27,7 @@ const MAX_OBJECTS: usize = 100_000;
 
 /// Reads all objects of an OBJ file of at most `triangles` into one mesh, and adds what is not read of it to `notes`. Polygons are
 /// cut into triangles, materials are left aside, and normals are computed where a corner has none that can be used.
-pub fn read(source: Source, triangles: usize, notes: &mut Vec<String>) -> Result<Mesh, String> {
+pub fn read(source: FileReader, triangles: usize, notes: &mut Vec<String>) -> Result<Mesh, String> {
     let mut statements = Statements::new(source, triangles);
     let no_materials = |_: &std::path::Path| Ok((Vec::new(), Default::default()));
     let loaded = tobj::load_obj_buf(&mut statements, &LoadOptions::default(), no_materials);
@@ -69,7 +69,7 @@ struct Statements<R> {
     positions: usize,
     normals: usize,
     triangles: usize,
-    most_triangles: usize,
+    max_triangles: usize,
     objects: usize,
     /// The next face starts an object.
     ended: bool,
@@ -80,7 +80,7 @@ struct Statements<R> {
 }
 
 impl<R: BufRead> Statements<R> {
-    fn new(source: R, most_triangles: usize) -> Self {
+    fn new(source: R, max_triangles: usize) -> Self {
         Self {
             source,
             part: Vec::new(),
@@ -91,7 +91,7 @@ impl<R: BufRead> Statements<R> {
             positions: 0,
             normals: 0,
             triangles: 0,
-            most_triangles,
+            max_triangles,
             objects: 0,
             ended: true,
             unknown: BTreeMap::new(),
@@ -161,11 +161,11 @@ impl<R: BufRead> Statements<R> {
                 self.positions = counted(self.positions, "vertices")?;
                 // Six numbers and more are a position and a colour.
                 let has_colour = words.clone().nth(5).is_some();
-                self.put("v", words.take(if has_colour { 3 } else { usize::MAX }));
+                self.write("v", words.take(if has_colour { 3 } else { usize::MAX }));
             }
             Some("vn") => {
                 self.normals = counted(self.normals, "normals")?;
-                self.put("vn", words);
+                self.write("vn", words);
             }
             Some("f") => self.face(&words.collect::<Vec<_>>())?,
             Some(keyword) if self.unknown.len() < MAX_UNKNOWN => {
@@ -181,8 +181,8 @@ impl<R: BufRead> Statements<R> {
             return Ok(());
         }
         self.triangles += corners.len() - 2;
-        if self.triangles > self.most_triangles {
-            return Err(read::too_many_triangles(self.most_triangles));
+        if self.triangles > self.max_triangles {
+            return Err(read::too_many_triangles(self.max_triangles));
         }
         let corners = corners.iter().map(|corner| self.corner(corner));
         let mut corners: Vec<(usize, usize)> = corners.collect::<Result<_, _>>()?;
@@ -205,7 +205,7 @@ impl<R: BufRead> Statements<R> {
         }
         self.objects += 1;
         self.ended = false;
-        self.put("o", ["object"].into_iter());
+        self.write("o", ["object"].into_iter());
         Ok(())
     }
 
@@ -221,7 +221,7 @@ impl<R: BufRead> Statements<R> {
         Ok((index(position, self.positions)?, normal.unwrap_or(Ok::<_, String>(NO_NORMAL))?))
     }
 
-    fn put<'a>(&mut self, keyword: &str, words: impl Iterator<Item = &'a str>) {
+    fn write<'a>(&mut self, keyword: &str, words: impl Iterator<Item = &'a str>) {
         self.out.extend_from_slice(keyword.as_bytes());
         for word in words {
             self.out.push(b' ');

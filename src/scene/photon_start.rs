@@ -39,17 +39,17 @@ impl PhotonStart {
         }));
         let places = faces.into_iter().flat_map(|face| clip(face, &frustum));
         let places = places.map(|p| across(frame, p));
-        PhotonStart::around(&places.collect::<Vec<_>>())
+        PhotonStart::from_points(&places.collect::<Vec<_>>())
     }
 
     /// The least rectangle around points has a side along one of their hull (Freeman and Shapira 1975).
-    fn around(points: &[DVec2]) -> Option<PhotonStart> {
+    fn from_points(points: &[DVec2]) -> Option<PhotonStart> {
         let hull = hull(points);
         let next = hull.iter().cycle().skip(1);
         let sides = hull.iter().zip(next).filter_map(|(a, b)| (*b - *a).try_normalize());
         let turned = sides.map(|side| {
             let turn = |p: &DVec2| DVec2::new(side.dot(*p), side.perp().dot(*p));
-            PhotonStart { side, within: Rectangle::around(hull.iter().map(turn)) }
+            PhotonStart { side, within: Rectangle::from_points(hull.iter().map(turn)) }
         });
         let least = turned.min_by(|a, b| a.within.area().total_cmp(&b.within.area()))?;
         (least.within.area() > 0.0).then_some(least)
@@ -131,7 +131,7 @@ impl Refraction<'_> {
             LightKind::Directional => (self.forward / -self.forward.y, height_m),
             LightKind::Point => {
                 let to_light = self.position - p;
-                (-to_light / to_light.y.max(LEAST_FALL), height_m.min(0.999 * self.position.y))
+                (-to_light / to_light.y.max(MIN_FALL), height_m.min(0.999 * self.position.y))
             }
         };
         let (across, depth_m) = (across.with_y(0.0), (height_m - p.y).max(0.0));
@@ -183,7 +183,7 @@ impl Refraction<'_> {
 }
 
 /// A light less than this above a point counts as this far above it, metres.
-const LEAST_FALL: f64 = 1e-9;
+const MIN_FALL: f64 = 1e-9;
 
 /// The planes (n, d) beside the water's rectangle, n·p + d ≥ 0 inside.
 fn sides(water: &Water) -> [DVec4; 4] {
@@ -241,10 +241,10 @@ mod tests {
             vec![place(-2.0, -1.0), place(2.0, -1.0), place(2.0, 1.0), place(-2.0, 1.0)];
         // Within it.
         points.extend([place(0.3, 0.2), place(0.0, -1.0)]);
-        let found = PhotonStart::around(&points).unwrap();
+        let found = PhotonStart::from_points(&points).unwrap();
         assert!((found.rectangle().area() - 8.0).abs() < 1e-12);
         assert_eq!(hull(&points).len(), 4);
-        assert!(PhotonStart::around(&points[..2]).is_none());
-        assert!(PhotonStart::around(&[]).is_none());
+        assert!(PhotonStart::from_points(&points[..2]).is_none());
+        assert!(PhotonStart::from_points(&[]).is_none());
     }
 }

@@ -3,7 +3,7 @@
 use std::io::{self, BufRead, Read};
 use std::str::{FromStr, SplitAsciiWhitespace};
 
-use super::read::{self, MAX_TRIANGLES, MAX_VERTICES, Source};
+use super::read::{self, FileReader, MAX_TRIANGLES, MAX_VERTICES};
 use super::{Mesh, polygon};
 
 /// Longest line that is read, bytes.
@@ -13,8 +13,9 @@ const MAX_LINE: u64 = 1 << 16;
 const MAX_HEADER: usize = 1000;
 
 /// Reads the vertices and faces of an ASCII PLY file of at most `triangles`; other elements are skipped.
-pub fn read(source: Source, triangles: usize, _: &mut Vec<String>) -> Result<Mesh, String> {
-    let mut lines = Lines { source, triangles, left: triangles, number: 0, line: String::new() };
+pub fn read(source: FileReader, triangles: usize, _: &mut Vec<String>) -> Result<Mesh, String> {
+    let mut lines =
+        LineReader { source, triangles, remaining: triangles, number: 0, line: String::new() };
     let elements = header(&mut lines)?;
     let (mut positions, mut corners, mut counts) = (Vec::new(), Vec::new(), Vec::new());
     for element in &elements {
@@ -60,7 +61,7 @@ impl Element {
     }
 }
 
-fn header(lines: &mut Lines) -> Result<Vec<Element>, String> {
+fn header(lines: &mut LineReader) -> Result<Vec<Element>, String> {
     let within = || "the header".to_owned();
     lines.next(within)?;
     if lines.line.trim() != "ply" {
@@ -91,7 +92,7 @@ fn header(lines: &mut Lines) -> Result<Vec<Element>, String> {
     Err(lines.fault(format!("no end_header within {MAX_HEADER} lines")))
 }
 
-fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, String> {
+fn element(lines: &LineReader, name: &str, count: &str) -> Result<Element, String> {
     let most = if name == "vertex" { MAX_VERTICES } else { MAX_TRIANGLES };
     match count.parse::<usize>() {
         Ok(count) if count <= most => {
@@ -102,7 +103,7 @@ fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, String> {
 }
 
 /// Checks that the header declares what a mesh needs.
-fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, String> {
+fn complete(lines: &LineReader, elements: Vec<Element>) -> Result<Vec<Element>, String> {
     let of = |name: &str| elements.iter().find(|e| e.name == name);
     let plain = |e: &Element, name: &str| e.place(name).is_some_and(|i| !e.properties[i].list);
     let vertex = of("vertex").is_some_and(|e| {
@@ -119,17 +120,17 @@ fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, Strin
 }
 
 /// The lines of a file, counted.
-struct Lines {
-    source: Source,
+struct LineReader {
+    source: FileReader,
     /// Most that are read, and how many of them are left.
     triangles: usize,
-    left: usize,
+    remaining: usize,
     /// Of `line`, from 1.
     number: usize,
     line: String,
 }
 
-impl Lines {
+impl LineReader {
     /// Reads the next line that is not blank; `wanted` names what it should hold.
     fn next(&mut self, wanted: impl Fn() -> String) -> Result<(), String> {
         loop {
@@ -173,12 +174,12 @@ impl Lines {
         if count < 3 {
             return Err(self.fault(format!("a face of {count} corners")));
         }
-        let left = self.left.checked_sub(count - 2);
+        let left = self.remaining.checked_sub(count - 2);
         let left = left.ok_or_else(|| self.fault(read::too_many_triangles(self.triangles)))?;
         let corners = (0..count).map(|_| self.number_in::<u32>(&mut words));
         let mut corners: Vec<u32> = corners.collect::<Result<_, _>>()?;
         polygon::rotate_to_first(&mut corners);
-        self.left = left;
+        self.remaining = left;
         Ok(corners)
     }
 

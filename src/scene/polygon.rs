@@ -7,11 +7,11 @@ use glam::{DVec3, Vec3};
 use itertools::Itertools;
 
 /// Polygons of more corners are never fans.
-const MOST_FAN_CORNERS: usize = 8;
+const MAX_FAN_CORNERS: usize = 8;
 
 /// The smallest triangle of a fan has at least this share of the polygon's area: the length of a sliver without area costs as much as
 /// that of any triangle.
-const LEAST_FAN_SHARE: f64 = 1e-6;
+const MIN_FAN_SHARE: f64 = 1e-6;
 
 /// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins: the smallest of all rotations.
 /// Triangles stay as they are.
@@ -72,10 +72,10 @@ fn cut(positions: &[[f32; 3]], face: &[u32], indices: &mut Vec<u32>) {
         });
         areas.fold(f64::INFINITY, f64::min)
     };
-    let firsts = (0..count.min(MOST_FAN_CORNERS)).rev();
+    let firsts = (0..count.min(MAX_FAN_CORNERS)).rev();
     let first = firsts.max_by(|a, b| smallest(a).total_cmp(&smallest(b))).unwrap_or(0);
     let is_fan =
-        count <= MOST_FAN_CORNERS && smallest(&first) >= LEAST_FAN_SHARE * normal.length_squared();
+        count <= MAX_FAN_CORNERS && smallest(&first) >= MIN_FAN_SHARE * normal.length_squared();
     let mut cut: Vec<u32> = Vec::new();
     if let Some(normal) = normal.try_normalize().filter(|_| !is_fan) {
         let (u, v) = normal.any_orthonormal_pair();

@@ -19,10 +19,10 @@ pub const MAX_TRIANGLES: usize = 4_000_000;
 pub const MAX_VERTICES: usize = 3_600_000;
 
 /// A file's content as it is read, decompressed.
-pub type Source = BufReader<Box<dyn Read>>;
+pub type FileReader = BufReader<Box<dyn Read>>;
 
 /// Text of UTF-8 without the byte order mark, its lines ended by a line feed alone.
-pub fn text_of(file: Box<dyn Read>) -> io::Result<Source> {
+pub fn text_of(file: Box<dyn Read>) -> io::Result<FileReader> {
     let mut source = BufReader::new(file);
     if source.fill_buf()?.starts_with(BYTE_ORDER_MARK) {
         source.consume(BYTE_ORDER_MARK.len());
@@ -32,7 +32,7 @@ pub fn text_of(file: Box<dyn Read>) -> io::Result<Source> {
 
 /// Each carriage return, and the line feed that may follow it, as a line feed.
 struct LineFeeds {
-    source: Source,
+    source: FileReader,
     after_return: bool,
 }
 

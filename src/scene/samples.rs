@@ -75,10 +75,9 @@ impl VolumeFormat {
 }
 
 /// Values as they are stored, not yet brought to 0 … 1 and placed, and those that stand for 0 and for 1.
-pub type Samples = (Volume, [f64; 2]);
+pub type RawValues = (Volume, [f64; 2]);
 
-/// Reads the cells of a file, plain or compressed by gzip.
-pub fn read(path: &Path, raw: &Raw) -> Result<Samples, String> {
+pub fn read(path: &Path, raw: &Raw) -> Result<RawValues, String> {
     let malformed = |what| format!("volume {}: {what}", path.display());
     let mut source =
         read::open(path).map_err(|e| format!("cannot read the volume {}: {e}", path.display()))?;
@@ -100,7 +99,7 @@ pub fn cell_count(cells: [u32; 3]) -> Result<usize, String> {
 }
 
 /// Cubic cells; the longest edge of the box is 1 m.
-fn raw_cells(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
+fn raw_cells(source: &mut dyn Read, raw: &Raw) -> Result<RawValues, String> {
     let count = cell_count(raw.cells)?;
     let (each, window) = raw.format.layout();
     let skipped = io::copy(&mut source.take(raw.skip_bytes.into()), &mut io::sink());

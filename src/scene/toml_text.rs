@@ -79,7 +79,7 @@ fn with_base(
     let (base_origin, text) = find(folders, &beside(origin, &base))?;
     let base = parse(&base_origin, &text)?;
     let mut merged = with_base(folders, &base_origin, base, left - 1)?;
-    leave_out(&mut merged, &without).map_err(|message| wrong(&message))?;
+    remove_objects(&mut merged, &without).map_err(|message| wrong(&message))?;
     overlay(&mut merged, table);
     Ok(merged)
 }
@@ -100,8 +100,7 @@ fn names(value: Option<Value>) -> Option<Vec<String>> {
     }
 }
 
-/// Removes objects by name; an unknown name is an error.
-fn leave_out(table: &mut Table, without: &[String]) -> Result<(), String> {
+fn remove_objects(table: &mut Table, without: &[String]) -> Result<(), String> {
     let Some(Value::Array(objects)) = table.get_mut("object") else {
         return Ok(());
     };
@@ -176,7 +175,7 @@ generator = "plane"
 "#;
 
     fn read_here(text: &str) -> Result<SceneFile, SceneError> {
-        read(&Folders::of(SCENES), "test.toml", text)
+        read(&Folders::new(SCENES), "test.toml", text)
     }
 
     #[test]

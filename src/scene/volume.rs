@@ -53,7 +53,7 @@ impl Volume {
         }
         check::point("volume origin", &self.origin_m.to_array())?;
         for edge in self.spacing_m.to_array() {
-            check::within("volume spacing", edge, 1e-9, check::FAR_M)?;
+            check::check_range("volume spacing", edge, 1e-9, check::FAR_M)?;
         }
         match self.data.iter().position(|v| !(0.0..=1.0).contains(v)) {
             Some(i) => Err(format!("value {i} is {}: values must lie in 0 to 1", self.data[i])),
@@ -61,8 +61,7 @@ impl Volume {
         }
     }
 
-    /// Value of a cell.
-    pub fn at(&self, [x, y, z]: [u32; 3]) -> f32 {
+    pub fn value(&self, [x, y, z]: [u32; 3]) -> f32 {
         let [nx, ny, _] = self.cells.map(|n| n as usize);
         self.data[x as usize + nx * (y as usize + ny * z as usize)]
     }
@@ -92,7 +91,7 @@ impl Volume {
         let mean = |(z, y, x)| {
             let (mut sum, mut count) = (0.0, 0u32);
             for (k, j, i) in iproduct!(span(2, z), span(1, y), span(0, x)) {
-                sum += f64::from(self.at([i, j, k]));
+                sum += f64::from(self.value([i, j, k]));
                 count += 1;
             }
             (sum / f64::from(count)) as f32
@@ -114,8 +113,8 @@ impl Volume {
         let mut data = Vec::with_capacity(self.data.len());
         for (z, y) in iproduct!(0..cells[2], 0..cells[1]) {
             data.extend((0..cells[0]).map(|x| match up {
-                Up::X => self.at([y, z, x]),
-                _ => self.at([x, ny - 1 - z, y]),
+                Up::X => self.value([y, z, x]),
+                _ => self.value([x, ny - 1 - z, y]),
             }));
         }
         Volume { cells, spacing_m, data, ..self }
@@ -171,10 +170,10 @@ mod tests {
         let z_up = numbered([2, 3, 4]).upright(Up::Z);
         assert_eq!((z_up.cells, z_up.spacing_m.y), ([2, 4, 3], 3.0));
         // Stored (1, 0, 3) lies at x = 1, y = 3 and the far end of z.
-        assert_eq!(z_up.at([1, 3, 2]), 301.0);
+        assert_eq!(z_up.value([1, 3, 2]), 301.0);
         let x_up = numbered([2, 3, 4]).upright(Up::X);
         assert_eq!((x_up.cells, x_up.spacing_m), ([4, 2, 3], DVec3::new(3.0, 1.0, 2.0)));
-        assert_eq!(x_up.at([3, 1, 2]), 321.0);
+        assert_eq!(x_up.value([3, 1, 2]), 321.0);
     }
 
     #[test]

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::assets::{self, Content};
+use super::assets::{self, AssetKind};
 use super::generators::fields::{self, FieldGenerator};
-use super::samples::{self, Endian, Raw, Samples, VolumeFormat};
-use super::{SceneFile, Stand, Up, Volume, check};
+use super::samples::{self, Endian, Raw, RawValues, VolumeFormat};
+use super::{Anchor, SceneFile, Up, Volume, check};
 use fathom_base::settings;
 
 settings! {
@@ -45,7 +45,7 @@ settings! {
         /// Where the middle of the lower side goes, metres, y from `on`.
         translate_m: [f64; 3] = [0.0; 3];
         /// What y is measured from.
-        on: Stand = Stand::Floor;
+        on: Anchor = Anchor::Floor;
     }
 }
 
@@ -59,12 +59,12 @@ impl VolumeFile {
         }
         if self.spacing_m != [0.0; 3] {
             for edge in self.spacing_m {
-                check::within("volume.spacing_m", edge, 1e-9, check::FAR_M)?;
+                check::check_range("volume.spacing_m", edge, 1e-9, check::FAR_M)?;
             }
         }
         if let Some([low, high]) = self.window {
-            check::within("volume.window[0]", low, -1e30, 1e30)?;
-            check::within("volume.window[1]", high, -1e30, 1e30)?;
+            check::check_range("volume.window[0]", low, -1e30, 1e30)?;
+            check::check_range("volume.window[1]", high, -1e30, 1e30)?;
             if low == high {
                 return Err(format!("volume.window = [{low}, {high}] is empty"));
             }
@@ -112,7 +112,7 @@ impl VolumeFile {
     }
 
     /// What the source gives, with its name.
-    fn samples(&self, file: &SceneFile, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
+    fn samples(&self, file: &SceneFile, stand_ins: &mut Vec<String>) -> Result<RawValues, String> {
         let (name, (volume, window)) = if let Some(name) = &self.generator {
             (name.clone(), self.sampled(fields::find(name)?))
         } else if let Some(path) = &self.file {
@@ -129,9 +129,9 @@ impl VolumeFile {
         Ok((Volume { name, ..volume }, window))
     }
 
-    fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
+    fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<RawValues, String> {
         let asset = assets::named(name)?;
-        let Content::Volume { raw, up } = &asset.content else {
+        let AssetKind::Volume { raw, up } = &asset.content else {
             return Err(format!("asset `{name}` is a mesh: it belongs to an [[object]]"));
         };
         if let Some(path) = assets::find(name) {
@@ -145,7 +145,7 @@ impl VolumeFile {
     }
 
     /// A generator's field; its box has a longest edge of 1 m.
-    fn sampled(&self, generator: &FieldGenerator) -> Samples {
+    fn sampled(&self, generator: &FieldGenerator) -> RawValues {
         let cells = if self.cells == [0; 3] { generator.cells } else { self.cells };
         let cells = cells.map(|n| n.div_ceil(self.reduce));
         let spacing_m = generator.extent() / DVec3::from(cells.map(f64::from));
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn faults_name_their_parameter() {
-        let cases: &[check::Refusal<VolumeFile>] = &[
+        let cases: &[check::InvalidCase<VolumeFile>] = &[
             (|v| v.fit_m = -1.0, "volume.fit_m"),
             (|v| v.cells = [u32::MAX; 3], "volume.cells"),
             (|v| v.cells = [0, 4, 4], "volume.cells"),

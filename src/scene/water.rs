@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::check::within_ranges;
 use super::noise::{TILE_NOISE_SLOPE, tile_noise};
 use super::waves::{self, Wave};
-use fathom_base::parameter::{Listed, ParamError};
+use fathom_base::parameter::{ParamError, TableEntry};
 use fathom_base::{choices, settings};
 
 /// Drift of the noise along x, tiles per wave period. Chosen: slow against the waves.
@@ -67,7 +67,7 @@ settings! {
     }
 }
 
-impl Listed for Wave {
+impl TableEntry for Wave {
     fn check(waves: &[Self]) -> Result<(), ParamError> {
         Ok(waves::validate(waves)?)
     }
@@ -201,7 +201,7 @@ impl Water {
 mod tests {
     use serde_json::json;
 
-    use super::super::check::{Refusal, assert_refused};
+    use super::super::check::{InvalidCase, assert_refused};
     use super::*;
 
     fn waters() -> [Water; 2] {
@@ -305,7 +305,7 @@ mod tests {
 
     #[test]
     fn bad_values_are_named() {
-        let cases: &[Refusal<Water>] = &[
+        let cases: &[InvalidCase<Water>] = &[
             (|w| w.wavelength_m = 0.0, "water.wavelength_m is 0"),
             (|w| w.refractive_index = 0.9, "water.refractive_index"),
             (|w| w.noise = 1.5, "0 … 1"),

@@ -32,7 +32,7 @@ impl Wave {
     }
 
     /// Elevation, metres, and its derivatives by x and z.
-    pub fn at(&self, place: DVec2) -> DVec3 {
+    pub fn elevation_m(&self, place: DVec2) -> DVec3 {
         let k = self.vector();
         let (sin, cos) = (k.dot(place) + self.phase_rad).sin_cos();
         self.amplitude_m * DVec3::new(cos, -sin * k.x, -sin * k.y)
@@ -50,7 +50,7 @@ impl Wave {
 
 /// Sum of the waves: elevation, metres, and its derivatives by x and z.
 pub fn sum(waves: &[Wave], place: DVec2) -> DVec3 {
-    waves.iter().map(|wave| wave.at(place)).sum()
+    waves.iter().map(|wave| wave.elevation_m(place)).sum()
 }
 
 /// Bound of the sum's magnitude, metres.
@@ -78,7 +78,7 @@ pub fn validate(waves: &[Wave]) -> Result<(), String> {
     for (i, wave) in waves.iter().enumerate() {
         wave.validate(&format!("water.waves[{i}]"))?;
     }
-    check::within("the sum of all |water.waves[…].amplitude_m|", bound_m(waves), 0.0, 100.0)
+    check::check_range("the sum of all |water.waves[…].amplitude_m|", bound_m(waves), 0.0, 100.0)
 }
 
 /// A texel for each wave: kx, kz, a, φ within ±π.
@@ -104,7 +104,7 @@ mod tests {
         let k = std::f64::consts::PI * DVec2::new(0.6, 0.8);
         let place = DVec2::new(0.3, -1.7);
         let expected = 0.1 * (k.dot(place) + 0.4).cos();
-        assert!((plain().at(place).x - expected).abs() < 1e-12);
+        assert!((plain().elevation_m(place).x - expected).abs() < 1e-12);
     }
 
     #[test]
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn bad_waves_are_named() {
-        let cases: &[check::Refusal<Wave>] = &[
+        let cases: &[check::InvalidCase<Wave>] = &[
             (|w| w.amplitude_m = f64::NAN, "water.waves[1].amplitude_m"),
             (|w| w.wavelength_m = 0.0, "water.waves[1].wavelength_m"),
             (|w| w.direction = [0.0, 0.0], "has no direction"),

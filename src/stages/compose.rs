@@ -12,7 +12,7 @@ pub const INFO: StageInfo = StageInfo {
 
 shader_struct! {
     /// `Compose` in `shaders/compose.wgsl`.
-    pub struct ComposeUniforms {
+    pub struct PictureUniforms {
         pub caustics_scale: f32,
         pub godrays_scale: f32,
         pub occlusion_taps: u32,
@@ -22,8 +22,7 @@ shader_struct! {
     }
 }
 
-/// The buffers that are composed.
-pub struct Composed<'a> {
+pub struct ComposeInputs<'a> {
     pub picture: Picture<'a>,
     pub caustics: &'a wgpu::Texture,
     pub godrays: &'a wgpu::Texture,
@@ -35,8 +34,8 @@ pub struct Composed<'a> {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    composed: &Composed<'_>,
-    settings: &ComposeUniforms,
+    composed: &ComposeInputs<'_>,
+    settings: &PictureUniforms,
     conserving: bool,
     added: bool,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
@@ -49,7 +48,7 @@ pub fn new(
     ];
     let uniforms = resources.loop_settings(INFO.name, settings);
     let sampler = resources.linear_sampler(INFO.name);
-    let Composed { picture, caustics, godrays, reflection, refraction } = composed;
+    let ComposeInputs { picture, caustics, godrays, reflection, refraction } = composed;
     let own: [&dyn Bind; 6] = [&uniforms, *caustics, *godrays, *reflection, *refraction, &sampler];
     let own = picture.group(resources, INFO.name, &own);
     let depth = &picture.gbuffer.depth;
@@ -64,7 +63,7 @@ pub fn new(
     let water =
         RenderSpec { vertex: "water_vertex", fragment: Some("water_fragment"), ..screen.clone() };
     let water = Raster::new(resources, &water)?;
-    let pass = Pass::new(resources, &screen, picture.size_px(), wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &screen, picture.size_px(), wgpu::Color::BLACK)?;
     // Three G-buffer texels, and four each of godrays and of caustics with the depth behind each.
     let texels = 3 + 2 * (2 * 4) + u64::from(settings.occlusion_taps);
     let quads = settings.water_cells * settings.water_cells;
@@ -73,9 +72,9 @@ pub fn new(
     // Only the depth is read everywhere.
     let least = Work { triangles, ..pass.work(1, 4) };
     let draw = move |pass: &mut wgpu::RenderPass<'_>| {
-        kit::cover(pass);
+        kit::draw_fullscreen(pass);
         water.follow(pass);
         pass.draw(0..quads * 6, 0..1);
     };
-    Ok(pass.drawing(&INFO, work, draw).at_least(least).image())
+    Ok(pass.drawing(&INFO, work, draw).with_min_work(least).image())
 }

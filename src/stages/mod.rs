@@ -73,7 +73,7 @@ pub mod transfer {
 
 pub use shared::*;
 
-pub use fathom_gpu::{Column, Output, OutputData, ReadRow, Stage, StageInfo};
+pub use fathom_gpu::{Column, OutputData, ReadRow, Stage, StageDump, StageInfo};
 
 /// Every stage, in frame order. Adding a stage adds one line.
 pub const REGISTRY: &[StageInfo] = &[

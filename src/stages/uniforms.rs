@@ -3,7 +3,7 @@
 use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
-use super::entry::{EntrySearch, water_turns};
+use super::entry::{EntrySearch, water_iterations};
 use super::kit::host_bytes;
 use crate::prelude::*;
 use fathom_scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
@@ -175,7 +175,7 @@ impl View {
 
 /// Bind group 0 of every stage: the frame's uniforms and what the water's surface is made from.
 pub struct Shared {
-    pub group: Group,
+    pub group: Bindings,
     uniforms: Buffer,
     pub view: View,
     /// Turns of loops that a height of the water takes.
@@ -189,11 +189,11 @@ impl Shared {
         let uniforms = resources.uniform("uniforms", &view.uniforms());
         let texels = water_texels(resources, &view.water);
         Self {
-            group: Group::new(&[&uniforms, &texels]),
+            group: Bindings::new(&[&uniforms, &texels]),
             uniforms,
             view: view.clone(),
-            water_turns: water_turns(&view.water),
-            entry_turns: EntrySearch::new(&view.water).turns(&view.water, &view.light_frame()),
+            water_turns: water_iterations(&view.water),
+            entry_turns: EntrySearch::new(&view.water).loop_bound(&view.water, &view.light_frame()),
         }
     }
 

@@ -1,7 +1,7 @@
 //! `ao/compose`: known inputs in, closed forms of reflected light out; and its shadows against rays.
 
 use crate::prelude::*;
-use fathom_stages::ao::compose::{self, Lit};
+use fathom_stages::ao::compose::{self, LitInputs};
 use fathom_stages::picture::Picture;
 
 const STAGE: &str = "ao/compose";
@@ -20,7 +20,7 @@ pub fn cases() -> Vec<Case> {
 
 /// What is composed, one value for the whole view, from a surface that faces the camera.
 #[derive(Clone, Copy)]
-struct Known {
+struct SurfaceInputs {
     albedo: f64,
     specular: f64,
     visibility: f64,
@@ -29,8 +29,8 @@ struct Known {
     exposure: f64,
 }
 
-const LIT: Known =
-    Known { albedo: 0.5, specular: 0.0, visibility: 0.5, shadow: 1.0, exposure: 0.3 };
+const LIT: SurfaceInputs =
+    SurfaceInputs { albedo: 0.5, specular: 0.0, visibility: 0.5, shadow: 1.0, exposure: 0.3 };
 const NORMAL: DVec3 = DVec3::Z;
 /// How far ahead the surface is, metres.
 const AHEAD_M: f64 = 3.0;
@@ -43,16 +43,16 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     view.light.direction = [0.2, -0.3, -1.0];
     let cases = [
         ("light and ambient", LIT),
-        ("ambient in shadow", Known { shadow: 0.0, exposure: 2.0, ..LIT }),
-        ("a glossy surface", Known { specular: 0.6, exposure: 0.15, ..LIT }),
+        ("ambient in shadow", SurfaceInputs { shadow: 0.0, exposure: 2.0, ..LIT }),
+        ("a glossy surface", SurfaceInputs { specular: 0.6, exposure: 0.15, ..LIT }),
     ];
     let mut checks = Vec::new();
     for (name, known) in cases {
         let shown = known.composed(rig, &view, false)?;
         let brighter =
-            Known { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
+            SurfaceInputs { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
         checks.push(
-            Check::of(rig, format!("{name}: largest relative error of the radiance"))
+            Check::new(rig, format!("{name}: largest relative error of the radiance"))
                 .within((TOLERANCE, "1"), known.error(&shown, &view))
                 .control("reflectances 5 % higher", brighter.error(&shown, &view)),
         );
@@ -60,7 +60,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let shown = LIT.composed(rig, &view, true)?;
     let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
     checks.push(
-        Check::of(rig, "occlusion alone is shown as it is: largest error")
+        Check::new(rig, "occlusion alone is shown as it is: largest error")
             .within((0.51 / 255.0, "1"), off(LIT.visibility))
             .control("visibility 0.01 higher", off(LIT.visibility + 0.01)),
     );
@@ -72,22 +72,22 @@ fn depth(view: &View) -> f64 {
     f64::from(rig::depth_ahead(view, AHEAD_M) as f32)
 }
 
-impl Known {
+impl SurfaceInputs {
     /// The picture, one channel.
     fn composed(&self, rig: &Rig<'_>, view: &View, shows_occlusion: bool) -> Result<Image> {
         let grey = |value: f64| rig.constant(SIZE, [value as f32; 4]);
-        let gbuffer = GbufferTextures {
+        let gbuffer = GBuffer {
             albedo: grey(self.albedo)?,
             normal: rig.constant(SIZE, NORMAL.as_vec3().extend(self.specular as f32).to_array())?,
             depth: rig.depth(SIZE, depth(view))?,
         };
-        let lit = Lit {
+        let lit = LitInputs {
             picture: Picture::new(&gbuffer, self.exposure, AMBIENT),
             visibility: &grey(self.visibility)?,
             shadow: &rig.depth([64, 64], self.shadow)?,
         };
         let stage = compose::new(rig, &Shared::new(rig, view), &lit, shows_occlusion)?;
-        rig.drawn(&[&stage], stage.texture(), 0)
+        rig.draw(&[&stage], stage.texture(), 0)
     }
 
     /// Largest difference of the radiance from the closed form, relative to it: Lambert's law, Blinn and Phong's lobe of exponent 32, and
@@ -104,7 +104,7 @@ impl Known {
             let direct = (self.albedo / PI + self.specular * lobe) * NORMAL.dot(to_light);
             let ambient = self.albedo / PI * AMBIENT * self.visibility;
             let exact = view.irradiance() * (lit * direct.max(0.0) + ambient);
-            relative_error(radiance_of(shown.at((x, y)), self.exposure), exact)
+            relative_error(radiance_of(shown.get((x, y)), self.exposure), exact)
         }))
     }
 }
@@ -112,34 +112,34 @@ impl Known {
 /// Which pixels the light reaches, in a scene with columns and curved objects.
 fn shadows(rig: &Rig<'_>) -> Result<Check> {
     const START_M: f64 = 1e-3;
-    let stand = rig.stand(Scene::load("tank")?, SIZE)?;
-    let light = shadow::depth::new(rig, &stand.shared, &stand.geometry, 1024)?;
+    let fixture = rig.fixture(Scene::load("tank")?, SIZE)?;
+    let light = shadow::depth::new(rig, &fixture.shared, &fixture.geometry, 1024)?;
     let white = rig.constant(SIZE, [1.0; 4])?;
-    let gbuffer = GbufferTextures { albedo: white.clone(), ..rig.gbuffer(&stand)? };
-    let lit = Lit {
+    let gbuffer = GBuffer { albedo: white.clone(), ..rig.gbuffer(&fixture)? };
+    let lit = LitInputs {
         picture: Picture::new(&gbuffer, 1e3, 0.0),
         visibility: &white,
         shadow: light.texture(),
     };
-    let stage = compose::new(rig, &stand.shared, &lit, false)?;
-    let shown = rig.drawn(&[&light, &stage], stage.texture(), 0)?;
+    let stage = compose::new(rig, &fixture.shared, &lit, false)?;
+    let shown = rig.draw(&[&light, &stage], stage.texture(), 0)?;
     // Of the covered pixels: whether a ray to the light is free, and whether the picture is lit. Pixels that the light strikes at a slant
     // of less than 5 degrees are left out.
     let judged = |toward: DVec3| -> Vec<[bool; 2]> {
         let judge = |at| {
-            let hit = stand.hit(at)?;
+            let hit = fixture.hit(at)?;
             let facing = hit.shading_normal.dot(toward);
             let start = hit.position + hit.normal * START_M;
-            let free = || facing > 0.0 && stand.tracer.cast(start, toward, 0.0, 1e3).is_none();
-            (facing.abs() >= 0.087).then(|| [free(), shown.at(at) > 0.5])
+            let free = || facing > 0.0 && fixture.tracer.cast(start, toward, 0.0, 1e3).is_none();
+            (facing.abs() >= 0.087).then(|| [free(), shown.get(at) > 0.5])
         };
         pixels(SIZE).filter_map(judge).collect()
     };
     let unlike = |judged: &[[bool; 2]]| share(judged.iter().map(|[free, lit]| free != lit));
-    let toward = -stand.view.light_frame().forward;
+    let toward = -fixture.view.light_frame().forward;
     let turned = judged((toward + DVec3::new(0.3, 0.0, 0.3)).normalize());
     let judged = judged(toward);
-    Ok(Check::of(rig, "share of pixels whose shadow is unlike exact rays")
+    Ok(Check::new(rig, "share of pixels whose shadow is unlike exact rays")
         .within((0.015, "1"), unlike(&judged))
         .control("light turned by about 20 degrees", unlike(&turned))
         .with("in_shadow_share", share(judged.iter().map(|[free, _]| !free))))

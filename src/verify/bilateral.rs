@@ -25,16 +25,16 @@ pub fn cases() -> Vec<Case> {
 /// Filters what `input` makes of the depth of a scene.
 fn filtered(
     (info, rig): (&'static StageInfo, &Rig<'_>),
-    stand: &Stand,
+    fixture: &Fixture,
     settings: &Filter,
     input: impl FnOnce(&Image) -> Image,
 ) -> Result<[Image; 2]> {
-    let textures = rig.gbuffer(stand)?;
+    let textures = rig.gbuffer(fixture)?;
     let input = input(&rig.channel(&textures.depth, 0)?);
     let inputs = (&rig.grey(&input), &textures.depth, &textures.normal);
-    let uniforms = settings.uniforms(&stand.view, input.size());
-    let stage = bilateral::new(rig, info, &stand.shared, inputs, &uniforms)?;
-    Ok([rig.drawn(&[&stage], stage.texture(), 0)?, input])
+    let uniforms = settings.uniforms(&fixture.view, input.size());
+    let stage = bilateral::new(rig, info, &fixture.shared, inputs, &uniforms)?;
+    Ok([rig.draw(&[&stage], stage.texture(), 0)?, input])
 }
 
 /// Points of light on a wall that is seen at 60 degrees.
@@ -45,13 +45,13 @@ fn spread(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let slope = DVec3::new(0.0, 0.5, -3f64.sqrt() / 2.0);
     let wall = Mesh::parallelogram(DVec3::NEG_Z * 10.0, DVec3::X * 9.0, slope * 9.0);
     scene.objects = vec![Object::new("wall", wall)];
-    let stand = rig.stand(scene, SIZE)?;
+    let fixture = rig.fixture(scene, SIZE)?;
     let mut checks = Vec::new();
     for (source, stored) in SPREAD {
         let middle = |k: u32| k % APART_PX == APART_PX / 2;
-        let points = Image::of(source, |x, y| f64::from(u8::from(middle(x) && middle(y))));
+        let points = Image::from_fn(source, |x, y| f64::from(u8::from(middle(x) && middle(y))));
         let errors = |settings: &Filter| -> Result<[f64; 2]> {
-            let [found, _] = filtered((info, rig), &stand, settings, |_| points.clone())?;
+            let [found, _] = filtered((info, rig), &fixture, settings, |_| points.clone())?;
             let square = |axis: usize, k: u32| {
                 let place = (f64::from(k) + 0.5) * f64::from(source[axis]) / f64::from(SIZE[axis]);
                 let apart_px = f64::from(APART_PX);
@@ -59,7 +59,7 @@ fn spread(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
             };
             Ok([0, 1].map(|axis| {
                 let squares =
-                    pixels(SIZE).map(|at| found.at(at) * square(axis, [at.0, at.1][axis]));
+                    pixels(SIZE).map(|at| found.get(at) * square(axis, [at.0, at.1][axis]));
                 relative_error(squares.sum::<f64>() / found.sum(), stored[axis])
             }))
         };
@@ -68,7 +68,7 @@ fn spread(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
         let wider = errors(&Filter { sigma_px, ..Filter::default() })?;
         checks.extend([(0, "rows"), (1, "slope")].map(|(axis, along)| {
             let what = format!("{source:?} texels: mean square distance from points of light along the {along}, relative error");
-            Check::of(rig, what)
+            Check::new(rig, what)
                 .within((5e-3, "1"), found[axis])
                 .control("a Gaussian a tenth wider", wider[axis])
         }));
@@ -81,34 +81,34 @@ fn spread(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
 fn walls(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     const WALLS_M: [f64; 2] = [3.0, 3.01];
     let normals = [DVec3::Z, DVec3::new(0.2, 0.0, 1.0).normalize()];
-    let (stand, middle) = rig.two_walls(SIZE, WALLS_M, normals)?;
+    let (fixture, middle) = rig.two_walls(SIZE, WALLS_M, normals)?;
     let white = |depth: &Image| depth.map(|z| f64::from(u8::from(z > middle)));
     let settings = Filter::default();
     let blind =
         Filter { depth_sigma: 1e3, normal_sigma: bilateral::NO_NORMALS.into(), ..settings.clone() };
-    let [mixed, on] = filtered((info, rig), &stand, &blind, white)?;
-    let [found, _] = filtered((info, rig), &stand, &settings, white)?;
-    let between = pixels(SIZE).filter(|at| (0.02..0.98).contains(&mixed.at(*at)));
+    let [mixed, on] = filtered((info, rig), &fixture, &blind, white)?;
+    let [found, _] = filtered((info, rig), &fixture, &settings, white)?;
+    let between = pixels(SIZE).filter(|at| (0.02..0.98).contains(&mixed.get(*at)));
     let between: Vec<_> = between.collect();
     let error = |depth_sigma: f64, normal_sigma: f64| {
         largest(between.iter().map(|at| {
-            let (wall, other) = if on.at(*at) > 0.5 { (1, 0) } else { (0, 1) };
+            let (wall, other) = if on.get(*at) > 0.5 { (1, 0) } else { (0, 1) };
             let off = (WALLS_M[other] - WALLS_M[wall]) / (depth_sigma * WALLS_M[wall]);
             let turned = normals[0].distance(normals[1]) / normal_sigma;
             let weight = (-0.5 * (off * off + turned * turned)).exp();
             // Of the other wall.
-            let shares = |image: &Image| (image.at(*at) - on.at(*at)).abs();
+            let shares = |image: &Image| (image.get(*at) - on.get(*at)).abs();
             let share = shares(&mixed);
             (shares(&found) - weight * share / (1.0 - share + weight * share)).abs()
         }))
     };
     let Filter { depth_sigma, normal_sigma, .. } = settings;
     Ok(vec![
-        Check::of(rig, "two walls: largest error of a pixel's share of the other")
+        Check::new(rig, "two walls: largest error of a pixel's share of the other")
             .within((2e-3, "1"), error(depth_sigma, normal_sigma))
             .control("depth_sigma 1.2 times", error(1.2 * depth_sigma, normal_sigma))
             .with("pixels", between.len() as f64),
-        Check::of(rig, "two walls: largest error of a pixel's share of the other, normals")
+        Check::new(rig, "two walls: largest error of a pixel's share of the other, normals")
             .within((2e-3, "1"), error(depth_sigma, normal_sigma))
             .control("normal_sigma 0.45", error(depth_sigma, 0.45)),
     ])
@@ -116,14 +116,14 @@ fn walls(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
 
 /// Black on the geometry of a scene, white beside it.
 fn leak(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Check> {
-    let stand = rig.stand(Scene::load("tank")?, SIZE)?;
+    let fixture = rig.fixture(Scene::load("tank")?, SIZE)?;
     let outside = |depth: &Image| depth.map(|z| f64::from(u32::from(z >= 1.0)));
-    let [result, input] = filtered((info, rig), &stand, &Filter::default(), outside)?;
+    let [result, input] = filtered((info, rig), &fixture, &Filter::default(), outside)?;
     let leak = |shifted: i64| {
         let beside = |x: u32, y: u32| input.clamped(i64::from(x) + shifted, y.into());
-        largest(pixels(SIZE).map(|(x, y)| (result.at((x, y)) - beside(x, y)).abs()))
+        largest(pixels(SIZE).map(|(x, y)| (result.get((x, y)) - beside(x, y)).abs()))
     };
-    Ok(Check::of(rig, "largest leak between geometry and background")
+    Ok(Check::new(rig, "largest leak between geometry and background")
         .within((0.0, "1"), leak(0))
         .control("compared a pixel aside", leak(1))
         .with("background_share", input.mean()))

@@ -37,23 +37,23 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     for (object, i) in scene.objects.iter_mut().zip(1u8..) {
         object.material.specular = f32::from(i) / count;
     }
-    let stand = rig.stand(scene, SIZE)?;
-    let textures = rig.gbuffer(&stand)?;
+    let fixture = rig.fixture(scene, SIZE)?;
+    let textures = rig.gbuffer(&fixture)?;
     let depth = rig.channel(&textures.depth, 0)?;
     let normals = rig.vectors(&textures.normal)?;
     let speculars = rig.channel(&textures.normal, 3)?;
     let colors = rig.vectors(&textures.albedo)?;
 
     let exact_hits = |rays: &PixelRays| -> Vec<Option<Hit>> {
-        pixels(SIZE).map(|(x, y)| Some(rays.cast(&stand.tracer, x, y)?.0)).collect()
+        pixels(SIZE).map(|(x, y)| Some(rays.cast(&fixture.tracer, x, y)?.0)).collect()
     };
     let wider =
-        Camera { fov_y_deg: 1.01 * stand.view.camera.fov_y_deg, ..stand.view.camera.clone() };
+        Camera { fov_y_deg: 1.01 * fixture.view.camera.fov_y_deg, ..fixture.view.camera.clone() };
     let aside = PixelRays::new(&wider, SIZE[0], SIZE[1]);
-    let (hits, hits_aside) = (exact_hits(&stand.rays), exact_hits(&aside));
+    let (hits, hits_aside) = (exact_hits(&fixture.rays), exact_hits(&aside));
     let depth_error = |rays: &PixelRays, hits: &[Option<Hit>]| {
         percentile::<99>(pixels(SIZE).zip(hits).filter_map(|((x, y), hit)| {
-            let seen = Some(depth.at((x, y))).filter(|depth| *depth < 1.0)?;
+            let seen = Some(depth.get((x, y))).filter(|depth| *depth < 1.0)?;
             let position = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, seen);
             hit.map(|hit| position.distance(hit.position) / hit.distance_m)
         }))
@@ -61,7 +61,7 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     let coverage = hits.iter().zip(depth.data()).map(|(hit, z)| hit.is_some() != (*z < 1.0));
     // Index in rows and hit of every covered pixel.
     let covered = || hits.iter().enumerate().filter_map(|(i, hit)| Some((i, (*hit)?)));
-    let material = |hit: &Hit| &stand.scene.objects[hit.object].material;
+    let material = |hit: &Hit| &fixture.scene.objects[hit.object].material;
     // The exact normals turned about the view's x axis.
     let normal_error = |turned_deg: f64| {
         let turn = DQuat::from_rotation_x(turned_deg.to_radians());
@@ -84,17 +84,17 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
         )
     };
     Ok(vec![
-        Check::of(rig, "99th percentile of |depth − ray|, of the distance")
-            .within((DEPTH_P99, "1"), depth_error(&stand.rays, &hits))
+        Check::new(rig, "99th percentile of |depth − ray|, of the distance")
+            .within((DEPTH_P99, "1"), depth_error(&fixture.rays, &hits))
             .control("field of view 1 % wider", depth_error(&aside, &hits_aside))
             .with("coverage_disagreement", share(coverage)),
-        Check::of(rig, "90th percentile of the normal's angle")
+        Check::new(rig, "90th percentile of the normal's angle")
             .within((NORMAL_P90_DEG, "deg"), normal_error(0.0))
             .control("normals turned by 1 degree", normal_error(1.0)),
-        Check::of(rig, "99th percentile of the albedo's error, plain materials")
+        Check::new(rig, "99th percentile of the albedo's error, plain materials")
             .within((2.0 / 255.0, "1"), albedo_error(1.0))
             .control("albedo 5 % higher", albedo_error(1.05)),
-        Check::of(rig, "97th percentile of the specular coefficient's error")
+        Check::new(rig, "97th percentile of the specular coefficient's error")
             .within((SPECULAR_P97, "1"), specular_error(1.0))
             .control("coefficients 1 % higher", specular_error(1.01)),
     ])
@@ -110,7 +110,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
             |y| y >= -shore.overlap_m(),
         )
     };
-    Ok(Check::of(rig, "share of pixels unlike exact rays")
+    Ok(Check::new(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))
         .control("mirror raised by 0.3 m", unlike(0.3))
         .with("covered_share", shore.covered.mean()))
@@ -119,7 +119,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
 fn refraction(rig: &Rig<'_>) -> Result<Check> {
     let shore = Shore::new(rig, &lit_scene::REFRACTION)?;
     let unlike = |level: f64| shore.unlike(|ray| ray, |y| y <= level + shore.overlap_m());
-    Ok(Check::of(rig, "share of pixels unlike exact rays")
+    Ok(Check::new(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))
         .control("water lowered by 1 m", unlike(-1.0))
         .with("covered_share", shore.covered.mean()))
@@ -127,7 +127,7 @@ fn refraction(rig: &Rig<'_>) -> Result<Check> {
 
 /// The shore seen from above the water.
 struct Shore {
-    stand: Stand,
+    fixture: Fixture,
     /// 1 where the stage draws the scene.
     covered: Image,
 }
@@ -137,14 +137,14 @@ impl Shore {
         let mut scene = Scene::load(SHORE)?;
         scene.camera.position_m[1] = scene.camera.position_m[1].abs().max(1.5);
         scene.camera.target_m[1] = 0.0;
-        let stand = rig.stand(scene, SIZE)?;
-        let stage = lit_scene::new(rig, info, &stand.shared, &stand.geometry, SIZE)?;
-        let covered = rig.drawn(&[&stage], stage.texture(), 3)?;
-        Ok(Self { stand, covered })
+        let fixture = rig.fixture(scene, SIZE)?;
+        let stage = lit_scene::new(rig, info, &fixture.shared, &fixture.geometry, SIZE)?;
+        let covered = rig.draw(&[&stage], stage.texture(), 3)?;
+        Ok(Self { fixture, covered })
     }
 
     fn overlap_m(&self) -> f64 {
-        OVERLAP * self.stand.scene.water.half_size_m[0]
+        OVERLAP * self.fixture.scene.water.half_size_m[0]
     }
 
     /// Share of pixels whose coverage differs from that of exact rays, changed by a rule, which pass through geometry at heights that
@@ -155,11 +155,11 @@ impl Shore {
         kept: impl Fn(f64) -> bool,
     ) -> f64 {
         share(pixels(SIZE).map(|(x, y)| {
-            let (origin, direction, length) = self.stand.rays.ray(x, y);
+            let (origin, direction, length) = self.fixture.rays.ray(x, y);
             let (origin, direction) = change((origin, direction));
-            let next = |from: f64| self.stand.tracer.cast(origin, direction, from, length);
+            let next = |from: f64| self.fixture.tracer.cast(origin, direction, from, length);
             let mut hits = successors(next(0.0), |hit| next(hit.distance_m * (1.0 + 1e-12)));
-            hits.any(|hit| kept(hit.position.y)) != (self.covered.at((x, y)) > 0.5)
+            hits.any(|hit| kept(hit.position.y)) != (self.covered.get((x, y)) > 0.5)
         }))
     }
 }

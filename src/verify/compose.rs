@@ -1,8 +1,8 @@
 //! `compose`: known inputs in, and the laws of adding light, of attenuation and of reflection out.
 
 use crate::prelude::*;
-use fathom_reference::image::behind;
-use fathom_stages::compose::{self, ComposeUniforms, Composed};
+use fathom_reference::image::pixel_behind;
+use fathom_stages::compose::{self, ComposeInputs, PictureUniforms};
 use fathom_stages::picture::Picture;
 
 const STAGE: &str = "compose";
@@ -28,11 +28,11 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "addition and attenuation of known inputs", known_inputs),
         Case::new(STAGE, "Fresnel reflection of the water from above and below", fresnel),
         Case::new(STAGE, "caustics brought to the picture's size within surfaces", |rig| {
-            upscaled(rig, "caustics", |dark, caustics| Known { caustics, ..dark })
+            upscaled(rig, "caustics", |dark, caustics| Buffers { caustics, ..dark })
         }),
         Case::new(STAGE, "godrays brought to the picture's size within surfaces", |rig| {
             // They are radiance; of irradiance a white surface sends a πth to the eye.
-            let lit = |dark, rays: Image| Known { godrays: rays.map(|value| value / PI), ..dark };
+            let lit = |dark, rays: Image| Buffers { godrays: rays.map(|value| value / PI), ..dark };
             upscaled(rig, "godrays", lit)
         }),
         Case::new(STAGE, "flux of pixels over the area behind them", conserved),
@@ -54,16 +54,16 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let unfaded = |seen: &Bands| relative_error(seen[0][2] - seen[0][0], clear[0][2] - clear[0][0]);
     let twice = (high - low) / (middle - low);
     Ok(vec![
-        Check::of(rig, "twice the caustics, twice the light: relative error")
+        Check::new(rig, "twice the caustics, twice the light: relative error")
             .within((5e-3, "1"), relative_error(twice, 2.0))
             .control("2.1 times expected", relative_error(twice, 2.1)),
-        Check::of(rig, "caustics and godrays add up: relative error")
+        Check::new(rig, "caustics and godrays add up: relative error")
             .within((5e-3, "1"), relative_error(both, high - low + rays))
             .control("godrays counted 1.1 times", relative_error(both, high - low + 1.1 * rays)),
-        Check::of(rig, "caustics seen through 4 m of water: relative error")
+        Check::new(rig, "caustics seen through 4 m of water: relative error")
             .within((5e-3, "1"), relative_error(through, left(1.0)))
             .control("attenuation 5 % higher", relative_error(through, left(1.05))),
-        Check::of(rig, "caustics added over a grey wall behind 4 m of water: relative error")
+        Check::new(rig, "caustics added over a grey wall behind 4 m of water: relative error")
             .within((5e-3, "1"), unfaded(&added))
             .control("caustics that light a white wall", unfaded(&water)),
     ])
@@ -71,7 +71,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
 
 /// What is composed, one value for the whole view unless an image.
 #[derive(Clone)]
-struct Known {
+struct Buffers {
     albedo: f32,
     /// What is seen: one normal for all of it.
     depth: wgpu::Texture,
@@ -87,7 +87,7 @@ struct Known {
     exposure: f64,
 }
 
-impl Known {
+impl Buffers {
     /// A white surface that faces the camera, with no light but the sky's.
     fn unlit(depth: wgpu::Texture, exposure: f64) -> Self {
         let nothing = Image::constant(SIZE[0], SIZE[1], 0.0);
@@ -108,19 +108,19 @@ impl Known {
     /// Composes the inputs and returns the radiance of each pixel.
     fn radiance(&self, rig: &Rig<'_>, view: &View) -> Result<Image> {
         let grey = |value: f32| rig.constant(SIZE, [value, value, value, 1.0]);
-        let gbuffer = GbufferTextures {
+        let gbuffer = GBuffer {
             albedo: grey(self.albedo)?,
             normal: rig.constant(SIZE, self.normal.extend(1.0).to_array())?,
             depth: self.depth.clone(),
         };
-        let inputs = Composed {
+        let inputs = ComposeInputs {
             picture: Picture::new(&gbuffer, self.exposure, 0.0),
             caustics: &rig.grey(&self.caustics),
             godrays: &rig.grey(&self.godrays),
             reflection: &grey(self.reflection)?,
             refraction: &grey(0.0)?,
         };
-        let settings = ComposeUniforms {
+        let settings = PictureUniforms {
             caustics_scale: self.pixel_tangent.unwrap_or(1.0) as f32,
             godrays_scale: 1.0,
             occlusion_taps: self.occlusion.0,
@@ -130,21 +130,21 @@ impl Known {
         };
         let (shared, conserving) = (Shared::new(rig, view), self.pixel_tangent.is_some());
         let stage = compose::new(rig, &shared, &inputs, &settings, conserving, self.added)?;
-        let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
+        let shown = rig.draw(&[&stage], stage.texture(), BLUE)?;
         Ok(shown.map(|value| radiance_of(value, self.exposure)))
     }
 
     /// What caustics add to the radiance of each pixel.
     fn added(self, rig: &Rig<'_>, view: &View, caustics: Image) -> Result<Image> {
-        let lit = Known { caustics, ..self.clone() };
+        let lit = Buffers { caustics, ..self.clone() };
         self.brightened(lit, rig, view)
     }
 
     /// By how much each pixel is brighter in `lit`.
-    fn brightened(self, lit: Known, rig: &Rig<'_>, view: &View) -> Result<Image> {
+    fn brightened(self, lit: Buffers, rig: &Rig<'_>, view: &View) -> Result<Image> {
         let without = self.radiance(rig, view)?;
         let with = lit.radiance(rig, view)?;
-        Ok(Image::of(SIZE, |x, y| with.at((x, y)) - without.at((x, y))))
+        Ok(Image::from_fn(SIZE, |x, y| with.get((x, y)) - without.get((x, y))))
     }
 }
 
@@ -161,53 +161,53 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64, added: bool) -> Result<Bands> {
         let within = f64::from(x % columns) + 0.5;
         CAUSTICS[(x / columns) as usize] + RAMP * (within / f64::from(columns) - 0.5)
     };
-    let known = Known {
-        caustics: Image::of(SIZE, caustics),
-        godrays: Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
+    let known = Buffers {
+        caustics: Image::from_fn(SIZE, caustics),
+        godrays: Image::from_fn(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
         albedo: if added { 0.3 } else { 1.0 },
         added,
-        ..Known::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 0.4)
+        ..Buffers::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 0.4)
     };
     let image = known.radiance(rig, &view)?;
     let band = |column: u32, row: u32| {
         let inside = |band: u32, side: u32| band * side + BORDER_PX..(band + 1) * side - BORDER_PX;
         let pixels = inside(row, rows).flat_map(|y| inside(column, columns).map(move |x| (x, y)));
-        mean(pixels.map(|at| image.at(at)))
+        mean(pixels.map(|at| image.get(at)))
     };
     Ok([0, 1].map(|row| [0, 1, 2].map(|column| band(column, row))))
 }
 
 /// A scene in clear and dry water, of whose surface nothing is drawn.
-fn dry(rig: &Rig<'_>, mut scene: Scene) -> Result<(Stand, wgpu::Texture)> {
+fn dry(rig: &Rig<'_>, mut scene: Scene) -> Result<(Fixture, wgpu::Texture)> {
     scene.water.attenuation_per_m = 0.0;
     scene.water.half_size_m = [1e-3; 2];
-    let stand = rig.stand(scene, SIZE)?;
-    let depth = rig.gbuffer(&stand)?.depth;
-    Ok((stand, depth))
+    let fixture = rig.fixture(scene, SIZE)?;
+    let depth = rig.gbuffer(&fixture)?.depth;
+    Ok((fixture, depth))
 }
 
 /// Caustics or godrays in a smaller buffer, each texel of its own brightness: a texel counts for the pixels whose surface it is on.
-fn upscaled(rig: &Rig<'_>, buffer: &str, lit: impl Fn(Known, Image) -> Known) -> Result<Check> {
+fn upscaled(rig: &Rig<'_>, buffer: &str, lit: impl Fn(Buffers, Image) -> Buffers) -> Result<Check> {
     const BUFFER: [u32; 2] = [61, 41];
-    const LEAST_WEIGHT: f64 = 1e-3;
-    let (stand, drawn) = dry(rig, Scene::load("tank")?)?;
+    const MIN_WEIGHT: f64 = 1e-3;
+    let (fixture, drawn) = dry(rig, Scene::load("tank")?)?;
     let depth = rig.channel(&drawn, 0)?;
-    let view_m = |z: f64| stand.view.camera.view_depth_m(z);
+    let view_m = |z: f64| fixture.view.camera.view_depth_m(z);
     let texels = noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
-    let dark = Known::unlit(drawn, 0.8);
+    let dark = Buffers::unlit(drawn, 0.8);
     let lit = lit(dark.clone(), texels.clone());
-    let light = dark.brightened(lit, rig, &stand.view)?;
+    let light = dark.brightened(lit, rig, &fixture.view)?;
     let twin = |x: u32, y: u32, share: f64| {
         let place = [0, 1].map(|k| {
             (f64::from([x, y][k]) + 0.5) * f64::from(BUFFER[k]) / f64::from(SIZE[k]) - 0.5
         });
-        let own_m = view_m(depth.at((x, y)));
+        let own_m = view_m(depth.get((x, y)));
         let (mut sum, mut weights, mut all) = (0.0, 0.0, 0.0);
         for corner in 0..4 {
             let base = [0, 1].map(|k| place[k].floor() + f64::from(corner >> k & 1));
             let weight = (1.0 - (place[0] - base[0]).abs()) * (1.0 - (place[1] - base[1]).abs());
             let texel = [0, 1].map(|k| base[k].clamp(0.0, f64::from(BUFFER[k]) - 1.0) as i64);
-            let [column, row] = behind(texel.map(|k| k as f64), BUFFER, SIZE);
+            let [column, row] = pixel_behind(texel.map(|k| k as f64), BUFFER, SIZE);
             let off = (view_m(depth.clamped(column, row)) - own_m).abs() / own_m;
             let value = texels.clamped(texel[0], texel[1]);
             all += weight * value;
@@ -216,18 +216,18 @@ fn upscaled(rig: &Rig<'_>, buffer: &str, lit: impl Fn(Known, Image) -> Known) ->
                 weights += weight;
             }
         }
-        if weights < LEAST_WEIGHT { all } else { sum / weights }
+        if weights < MIN_WEIGHT { all } else { sum / weights }
     };
     let errors = |share: f64| {
-        let seen_pixels = pixels(SIZE).filter(|at| depth.at(*at) < 1.0);
-        let error = |(x, y)| (light.at((x, y)) - twin(x, y, share) / PI).abs();
+        let seen_pixels = pixels(SIZE).filter(|at| depth.get(*at) < 1.0);
+        let error = |(x, y)| (light.get((x, y)) - twin(x, y, share) / PI).abs();
         percentile::<95>(seen_pixels.map(error)) / light.mean()
     };
     // Steps of an 8-bit display; a few pixels may decide otherwise in f32.
     let what = format!(
         "{buffer} within surfaces: 95th percentile of |difference from the twin|, of the mean"
     );
-    Ok(Check::of(rig, what)
+    Ok(Check::new(rig, what)
         .within((0.03, "1"), errors(DEPTH_SHARE))
         .control("texels of all surfaces", errors(f64::INFINITY)))
 }
@@ -236,28 +236,28 @@ fn upscaled(rig: &Rig<'_>, buffer: &str, lit: impl Fn(Known, Image) -> Known) ->
 fn conserved(rig: &Rig<'_>) -> Result<Check> {
     const FLUX_W: f64 = 0.01;
     /// Less is lost in the steps of an 8-bit display.
-    const LEAST_W_M2: f64 = 0.2;
+    const MIN_W_M2: f64 = 0.2;
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.camera = Camera::new([0.0, -0.5, 1.0], [0.3, -3.0, -0.5], 90.0, [0.1, 20.0]);
-    let (stand, depth) = dry(rig, scene)?;
-    let dark = Known {
+    let (fixture, depth) = dry(rig, scene)?;
+    let dark = Buffers {
         normal: Vec3::Y,
-        pixel_tangent: Some(stand.view.pixel_tangent(SIZE)),
-        ..Known::unlit(depth, 0.8)
+        pixel_tangent: Some(fixture.view.pixel_tangent(SIZE)),
+        ..Buffers::unlit(depth, 0.8)
     };
     let flux = Image::constant(SIZE[0], SIZE[1], FLUX_W);
-    let light = dark.added(rig, &stand.view, flux)?;
-    let (camera, floor_m) = (&stand.scene.camera, -stand.scene.floor_depth_m);
+    let light = dark.added(rig, &fixture.view, flux)?;
+    let (camera, floor_m) = (&fixture.scene.camera, -fixture.scene.floor_depth_m);
     let errors = |power: i32| {
         percentile::<90>(pixels(SIZE).filter_map(|at| {
-            let hit = stand.hit(at)?;
-            let area = rig::area_shown(&stand.rays, at, (DVec3::Y * floor_m, DVec3::Y));
+            let hit = fixture.hit(at)?;
+            let area = rig::area_shown(&fixture.rays, at, (DVec3::Y * floor_m, DVec3::Y));
             let sight = (hit.position - camera.position()).normalize();
             let exact = FLUX_W / area * sight.dot(camera.direction()).powi(power);
-            (exact > LEAST_W_M2).then(|| relative_error(light.at(at) * PI, exact))
+            (exact > MIN_W_M2).then(|| relative_error(light.get(at) * PI, exact))
         }))
     };
-    Ok(Check::of(rig, "flux over area: 90th percentile of the irradiance's relative error")
+    Ok(Check::new(rig, "flux over area: 90th percentile of the irradiance's relative error")
         .within((0.03, "1"), errors(0))
         .control("pixels as large at the rim as in the middle", errors(3)))
 }
@@ -268,23 +268,27 @@ fn occlusion(rig: &Rig<'_>) -> Checks {
     /// (Mesa 22.3), 0.96525 on SwiftShader.
     const MEAN: f64 = 0.9653;
     let openness = |scene: Scene, radius_m: f64| -> Result<Vec<f64>> {
-        let (stand, drawn) = dry(rig, scene)?;
-        let known = Known { normal: Vec3::Y, ..Known::unlit(drawn, 2.0) };
-        let open = known.radiance(rig, &stand.view)?;
-        let occluded = Known { occlusion: (16, radius_m), ..known }.radiance(rig, &stand.view)?;
+        let (fixture, drawn) = dry(rig, scene)?;
+        let known = Buffers { normal: Vec3::Y, ..Buffers::unlit(drawn, 2.0) };
+        let open = known.radiance(rig, &fixture.view)?;
+        let occluded =
+            Buffers { occlusion: (16, radius_m), ..known }.radiance(rig, &fixture.view)?;
         // The lower half of the picture is all under water, where no direct light saturates the display.
         let seen_pixels = pixels(SIZE).filter(|(_, y)| *y >= SIZE[1] / 2);
-        Ok(seen_pixels.map(|at| occluded.at(at) / open.at(at)).collect())
+        Ok(seen_pixels.map(|at| occluded.get(at) / open.get(at)).collect())
     };
     let tank = |radius_m: f64| openness(Scene::load("tank")?, radius_m);
     let (found, wider) = (tank(0.5)?, tank(0.6)?);
     let off = |found: &[f64]| (mean(found.iter().copied()) - MEAN).abs();
     let closed = |found: &[f64]| largest(found.iter().map(|open| 1.0 - open));
     Ok(vec![
-        Check::of(rig, "screen-space ambient occlusion: mean openness against that of an f64 copy")
-            .within((2e-4, "1"), off(&found))
-            .control("a radius 20 % greater", off(&wider)),
-        Check::of(rig, "screen-space ambient occlusion of a plane: largest")
+        Check::new(
+            rig,
+            "screen-space ambient occlusion: mean openness against that of an f64 copy",
+        )
+        .within((2e-4, "1"), off(&found))
+        .control("a radius 20 % greater", off(&wider)),
+        Check::new(rig, "screen-space ambient occlusion of a plane: largest")
             .within((0.01, "1"), closed(&openness(Scene::load("plane")?, 0.5)?))
             .control("of scene tank", closed(&found)),
     ])
@@ -292,8 +296,8 @@ fn occlusion(rig: &Rig<'_>) -> Checks {
 
 /// Flat water between a white reflection and a black refraction shows its reflectance.
 fn fresnel(rig: &Rig<'_>) -> Checks {
-    let unlit = Known::unlit(rig.depth(SIZE, 1.0)?, 1.5);
-    let known = Known { albedo: 0.0, reflection: 1.0, ..unlit };
+    let unlit = Buffers::unlit(rig.depth(SIZE, 1.0)?, 1.5);
+    let known = Buffers { albedo: 0.0, reflection: 1.0, ..unlit };
     let check = |(height_m, name, target_z): (f64, &str, f64)| {
         let side = f64::signum(height_m);
         let mut view = rig::synthetic_view(SIZE, 0.0)?;
@@ -304,10 +308,10 @@ fn fresnel(rig: &Rig<'_>) -> Checks {
         let error = |index: f64| {
             let (outer, inner) = if side > 0.0 { (1.0, index) } else { (index, 1.0) };
             let exact = |x, y| fresnel_reflectance(-side * rays.ray(x, y).1.y, outer, inner);
-            difference(&image, &Image::of(SIZE, exact))
+            difference(&image, &Image::from_fn(SIZE, exact))
         };
         let what = format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean");
-        Ok(Check::of(rig, what)
+        Ok(Check::new(rig, what)
             .within((0.02, "1"), error(view.water.refractive_index))
             .control("refractive index 1.40", error(1.40)))
     };

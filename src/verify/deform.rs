@@ -16,47 +16,47 @@ const NORMAL: f64 = 5e-3;
 
 pub fn cases() -> Vec<Case> {
     [
-        (Motion::Spin, deform::Motion::Spin, "spin"),
-        (Motion::Twist, deform::Motion::Twist, "twist"),
-        (Motion::Wave, deform::Motion::Wave, "wave"),
+        (Motion::Spin, deform::MotionKind::Spin, "spin"),
+        (Motion::Twist, deform::MotionKind::Twist, "twist"),
+        (Motion::Wave, deform::MotionKind::Wave, "wave"),
     ]
     .map(|motion| Case::new(STAGE, motion.2, move |rig| check(rig, motion)))
     .into()
 }
 
 /// A vertex's position and normal.
-type Vertex = [DVec3; 2];
+type VertexPair = [DVec3; 2];
 
-fn check(rig: &Rig<'_>, (motion, of_stage, name): (Motion, deform::Motion, &str)) -> Checks {
+fn check(rig: &Rig<'_>, (motion, of_stage, name): (Motion, deform::MotionKind, &str)) -> Checks {
     let scene = Scene::load(SCENE)?;
     let geometry = Geometry::new(rig, &scene);
     rig.run(&[&deform::new(rig, &geometry, &scene, of_stage, CYCLES, AMPLITUDE)?])?;
     let words: Vec<f32> = rig.read(&geometry.vertices)?;
     let vector = |v: &[f32]| Vec3::from_slice(v).as_dvec3();
-    let found: Vec<Vertex> =
+    let found: Vec<VertexPair> =
         words.chunks_exact(7).map(|v| [vector(&v[..3]), vector(&v[3..6])]).collect();
 
     // Largest distance of positions, and of normals.
     let off = |cycles: f64| {
-        let moved = |object| moved(object, motion, cycles);
-        let twin: Vec<Vertex> = scene.objects.iter().flat_map(moved).collect();
+        let moved = |object| move_object(object, motion, cycles);
+        let twin: Vec<VertexPair> = scene.objects.iter().flat_map(moved).collect();
         [0, 1].map(|k| largest(found.iter().zip(&twin).map(|(a, b)| a[k].distance(b[k]))))
     };
     let (measured, control) = (off(CYCLES), off(CYCLES + 0.02));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
-        Check::of(rig, format!("{name}: largest distance from the f64 twin"))
+        Check::new(rig, format!("{name}: largest distance from the f64 twin"))
             .within((POSITION_M, "m"), measured[0])
             .control(perturbed, control[0]),
-        Check::of(rig, format!("{name}: largest difference of the normal from the f64 twin"))
+        Check::new(rig, format!("{name}: largest difference of the normal from the f64 twin"))
             .within((NORMAL, "1"), measured[1])
             .control(perturbed, control[1]),
     ])
 }
 
-fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
+fn move_object(object: &Object, motion: Motion, cycles: f64) -> Vec<VertexPair> {
     let mesh = &object.mesh;
-    let moment = Moment::of(mesh, motion, cycles, AMPLITUDE);
+    let moment = Moment::new(mesh, motion, cycles, AMPLITUDE);
     let vertex = |(position, normal): (&[f32; 3], &[f32; 3])| {
         let [position, normal] = [position, normal].map(|v| Vec3::from(*v).as_dvec3());
         let normal = normal.normalize();

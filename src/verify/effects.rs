@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::prelude::*;
-use fathom_pipelines::{AnyPipeline, Judge, KINDS, Known, PipelineKind};
+use fathom_pipelines::{AnyPipeline, Judge, KINDS, PipelineKind, ReferenceCache};
 use fathom_stages::REGISTRY;
 
 #[derive(Deserialize)]
@@ -35,8 +35,7 @@ struct Effect {
     checks: Vec<(String, f64, String)>,
 }
 
-/// Settings with their values.
-type Settings = Vec<(String, Value)>;
+type CaseSettings = Vec<(String, Value)>;
 
 pub fn cases() -> Vec<Case> {
     let effects: Effects = toml::from_str(include_str!("effects.toml")).expect("a table of cases");
@@ -48,13 +47,14 @@ pub fn cases() -> Vec<Case> {
         let scene = scene.get(names[2]).cloned().unwrap_or(format!("base = \"{}\"", names[2]));
         let common = common.get(names[1]).cloned().unwrap_or_default();
         let last = last.get(names[0]).cloned().unwrap_or(names[0].to_owned());
-        let (what, judged) = (effect.what.clone(), Judged { kind, scene, common, last, effect });
+        let (what, judged) =
+            (effect.what.clone(), EffectCase { kind, scene, common, last, effect });
         Case::new(stage.name, what, move |rig| judged.checks(rig))
     };
     all.into_iter().map(case).collect()
 }
 
-struct Judged {
+struct EffectCase {
     kind: PipelineKind,
     scene: String,
     common: String,
@@ -62,7 +62,7 @@ struct Judged {
     effect: Effect,
 }
 
-impl Judged {
+impl EffectCase {
     fn checks(&self, rig: &Rig<'_>) -> Checks {
         let Effect { what, set, checks, .. } = &self.effect;
         let (file, settings) = self.file(rig, set)?;
@@ -87,7 +87,7 @@ impl Judged {
                 stored.parse().map_or(found, |stored: f64| (found - stored).abs())
             };
             let unit = ["m", "deg"].into_iter().find(|unit| name.ends_with(&format!("_{unit}")));
-            Check::of(rig, format!("{what}: {error}"))
+            Check::new(rig, format!("{what}: {error}"))
                 .within((*most, unit.unwrap_or("1")), of(""))
                 .control(control, of(control))
         };
@@ -95,14 +95,14 @@ impl Judged {
     }
 
     /// The scene's file with what is set in it, and what is set elsewhere.
-    fn file(&self, rig: &Rig<'_>, set: &str) -> Result<(SceneFile, Settings)> {
+    fn file(&self, rig: &Rig<'_>, set: &str) -> Result<(SceneFile, CaseSettings)> {
         let base = SceneFile::parse("effects", &self.scene)?;
         let mut tree = serde_json::to_value(&base).map_err(|error| rig.invalid(&error))?;
         let words = self.common.split(' ').chain(set.split(' '));
         let settings = words.filter_map(|setting| setting.split_once('=')).map(|(path, value)| {
             (path.to_owned(), serde_json::from_str(value).unwrap_or_else(|_| value.into()))
         });
-        let rest = settings.filter(|(path, value)| !put(&mut tree, path, value)).collect();
+        let rest = settings.filter(|(path, value)| !set_value(&mut tree, path, value)).collect();
         let file = SceneFile::deserialize(&tree).map_err(|error| rig.invalid(&error))?;
         Ok((SceneFile { folder: base.folder, ..file }, rest))
     }
@@ -112,11 +112,11 @@ impl Judged {
         &self,
         rig: &Rig<'_>,
         (file, scene): (&SceneFile, &Scene),
-        settings: &Settings,
+        settings: &CaseSettings,
     ) -> Result<Box<AnyPipeline>> {
         let mut tree = (self.kind.defaults)(file);
         for (path, value) in settings {
-            if !put(&mut tree, path, value) {
+            if !set_value(&mut tree, path, value) {
                 let unknown = format!("neither scene nor pipeline has `{path}`");
                 return Err(rig.invalid(&unknown));
             }
@@ -129,15 +129,15 @@ impl Judged {
 }
 
 /// Sets a value of a tree; false where it has none at this path.
-fn put(tree: &mut Value, path: &str, value: &Value) -> bool {
+fn set_value(tree: &mut Value, path: &str, value: &Value) -> bool {
     let there = tree.pointer_mut(&format!("/{}", path.replace('.', "/")));
     there.map(|there| *there = value.clone()).is_some()
 }
 
 /// Errors and quantities of a frame, judged by a scene.
 fn figures(rig: &Rig<'_>, frame: &AnyPipeline, scene: &Rc<Scene>) -> Result<BTreeMap<String, f64>> {
-    let mut known = Known::default();
-    let mut judge = Judge { gpu: rig.gpu, scene, known: &mut known, asked: &[] };
+    let mut known = ReferenceCache::default();
+    let mut judge = Judge { gpu: rig.gpu, scene, references: &mut known, requested: &[] };
     let judged = frame.judge(&mut judge).map_err(|error| rig.invalid(&error))?;
     let errors = judged.errors.into_iter().map(|error| (error.name, error.value));
     Ok(errors.chain(judged.quantities).chain(frame.quantities(rig.gpu)?).collect())

@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use fathom_gpu::Column;
 use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
-use fathom_stages::splatting::Sums;
+use fathom_stages::splatting::SplatSums;
 
 const SIZE: [u32; 2] = [96, 64];
 const TAPS: u32 = 16;
@@ -25,8 +25,8 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-fn sums(rig: &Rig<'_>, image: &Image) -> Sums {
-    Sums { texture: rig.grey(image), column: Column::new("light", "1", "light") }
+fn sums(rig: &Rig<'_>, image: &Image) -> SplatSums {
+    SplatSums { texture: rig.grey(image), column: Column::new("light", "1", "light") }
 }
 
 fn guided(
@@ -39,7 +39,7 @@ fn guided(
         GuidedUniforms { taps: TAPS, radius_px: radius_px as f32, depth_share: share as f32 };
     let guide = (&Shared::new(rig, view), depth);
     let stage = low_pass::guided(rig, &low_pass::CAUSTICS, &sums(rig, image), guide, &settings)?;
-    rig.drawn(&[&stage], stage.texture(), 0)
+    rig.draw(&[&stage], stage.texture(), 0)
 }
 
 /// One surface only: all taps count.
@@ -51,18 +51,18 @@ fn caustics_alone(rig: &Rig<'_>, image: &Image, radius_px: f64) -> Result<Image>
 fn godrays_alone(rig: &Rig<'_>, image: &Image, radius_px: f64) -> Result<Image> {
     let settings = FilterUniforms { taps: TAPS, radius_px: radius_px as f32 };
     let stage = low_pass::new(rig, &low_pass::GODRAYS, &sums(rig, image), &settings)?;
-    rig.drawn(&[&stage], stage.texture(), 0)
+    rig.draw(&[&stage], stage.texture(), 0)
 }
 
 type Filtering = fn(&Rig<'_>, &Image, f64) -> Result<Image>;
 
 fn plain(rig: &Rig<'_>, filtered: Filtering) -> Checks {
     let middle = |k: u32| k % APART_PX == APART_PX / 2;
-    let points = Image::of(SIZE, |x, y| f64::from(u8::from(middle(x) && middle(y))));
+    let points = Image::from_fn(SIZE, |x, y| f64::from(u8::from(middle(x) && middle(y))));
     let spread = filtered(rig, &points, RADIUS_PX)?;
     // Mean square distance from the point: half the radius's square, and that of two places in a pixel.
     let off = |k: u32| f64::from(k % APART_PX) - f64::from(APART_PX / 2);
-    let squares = pixels(SIZE).map(|(x, y)| spread.at((x, y)) * (off(x).powi(2) + off(y).powi(2)));
+    let squares = pixels(SIZE).map(|(x, y)| spread.get((x, y)) * (off(x).powi(2) + off(y).powi(2)));
     let found = squares.sum::<f64>() / spread.sum();
     let disc = |radius_px: f64| relative_error(found, radius_px * radius_px / 2.0 + 1.0 / 6.0);
     let noise = noise(SIZE, 7);
@@ -70,10 +70,10 @@ fn plain(rig: &Rig<'_>, filtered: Filtering) -> Checks {
         Ok((rig::weighted_mean(&filtered(rig, &noise, radius_px)?) - MEAN).abs())
     };
     Ok(vec![
-        Check::of(rig, "mean square distance from points of light: relative error")
+        Check::new(rig, "mean square distance from points of light: relative error")
             .within((0.05, "1"), disc(RADIUS_PX))
             .control("a disc 10 % wider", disc(1.1 * RADIUS_PX)),
-        Check::of(rig, "weighted mean of filtered noise against that of an f64 copy")
+        Check::new(rig, "weighted mean of filtered noise against that of an f64 copy")
             .within((5e-5, "1"), left(RADIUS_PX)?)
             .control("a disc 2 % wider", left(1.02 * RADIUS_PX)?),
     ])
@@ -82,19 +82,19 @@ fn plain(rig: &Rig<'_>, filtered: Filtering) -> Checks {
 /// White on one of two walls: the other gets nothing of it where it is farther away than the share of the depth, and all where it is nearer.
 fn edges(rig: &Rig<'_>) -> Checks {
     let filtered = |far: f64, share: f64| -> Result<[Image; 2]> {
-        let (stand, middle) = rig.two_walls(SIZE, [3.0, 3.0 * far], [DVec3::Z; 2])?;
-        let drawn = rig.gbuffer(&stand)?.depth;
+        let (fixture, middle) = rig.two_walls(SIZE, [3.0, 3.0 * far], [DVec3::Z; 2])?;
+        let drawn = rig.gbuffer(&fixture)?.depth;
         let white = rig.channel(&drawn, 0)?.map(|z| f64::from(u8::from(z > middle)));
-        Ok([guided(rig, (&white, RADIUS_PX), (&stand.view, &drawn), share)?, white])
+        Ok([guided(rig, (&white, RADIUS_PX), (&fixture.view, &drawn), share)?, white])
     };
     let leak = |share: f64| filtered(1.06, share).map(|[found, white]| apart(&found, &white));
     let [all, _] = filtered(1.04, 1e6)?;
     let less = |share: f64| filtered(1.04, share).map(|[found, _]| apart(&found, &all));
     Ok(vec![
-        Check::of(rig, "a wall 6 % farther away: largest leak")
+        Check::new(rig, "a wall 6 % farther away: largest leak")
             .within((0.0, "1"), leak(DEPTH_SHARE)?)
             .control("a share of 0.07", leak(0.07)?),
-        Check::of(rig, "a wall 4 % farther away: largest difference from taps that all count")
+        Check::new(rig, "a wall 4 % farther away: largest difference from taps that all count")
             .within((0.0, "1"), less(DEPTH_SHARE)?)
             .control("a share of 0.03", less(0.03)?),
     ])

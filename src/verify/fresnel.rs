@@ -82,7 +82,7 @@ fn transmitted(
     // A share of two sums.
     let short = rig.stage == line::INFO.name && rig.sums_are_short();
     let tolerance = if short { 2.0 * rig::SHORT_STEP } else { TOLERANCE };
-    Ok(Check::of(rig, "Fresnel transmittance up to 85°: largest relative error")
+    Ok(Check::new(rig, "Fresnel transmittance up to 85°: largest relative error")
         .within((tolerance, "1"), error(INDEX))
         .control("refractive index 1.34", error(OTHER_INDEX)))
 }
@@ -99,7 +99,7 @@ fn straight(rig: &Rig<'_>) -> Result<Check> {
     };
     let share = energy(true)? / energy(false)?;
     let error = |n: f64| relative_error(share, 1.0 - ((n - 1.0) / (n + 1.0)).powi(2));
-    Ok(Check::of(rig, "energy through flat water lit from above, relative error")
+    Ok(Check::new(rig, "energy through flat water lit from above, relative error")
         .within((TOLERANCE, "1"), error(INDEX))
         .control("refractive index 1.34", error(OTHER_INDEX)))
 }

@@ -42,14 +42,14 @@ fn panes(rig: &Rig<'_>) -> Checks {
     view.light.direction = [0.2, -0.3, -1.0];
     let objects = objects(&view);
     let check = |(name, wall_m): (&str, f64)| {
-        let shown = drawn(rig, &view, &objects, wall_m)?;
+        let shown = draw(rig, &view, &objects, wall_m)?;
         let off = |nearest_first: bool| {
             let blended = Blended::new(&view, &objects, wall_m, nearest_first);
-            let exact = Image::of(SIZE, |x, y| blended.at((x, y)));
+            let exact = Image::from_fn(SIZE, |x, y| blended.radiance((x, y)));
             let judged = pixels(SIZE).filter(|at| is_inner(&exact, *at));
-            largest(judged.map(|at| (shown.at(at) - exact.at(at)).abs()))
+            largest(judged.map(|at| (shown.get(at) - exact.get(at)).abs()))
         };
-        Ok(Check::of(rig, format!("{name}: largest error of the picture"))
+        Ok(Check::new(rig, format!("{name}: largest error of the picture"))
             .within((TOLERANCE, "1"), off(false))
             .control("the nearest pane drawn first", off(true)))
     };
@@ -59,18 +59,18 @@ fn panes(rig: &Rig<'_>) -> Checks {
         .collect()
 }
 
-fn drawn(rig: &Rig<'_>, view: &View, objects: &[Object], wall_m: f64) -> Result<Image> {
+fn draw(rig: &Rig<'_>, view: &View, objects: &[Object], wall_m: f64) -> Result<Image> {
     let shared = Shared::new(rig, view);
     let scene = Scene { objects: objects.to_vec(), ..Scene::load("plane")? };
     let geometry = Geometry::new(rig, &scene);
     let depth = rig.depth(SIZE, rig::depth_ahead(view, wall_m))?;
     let grey = wgpu::Color { r: BEHIND, g: BEHIND, b: BEHIND, a: 1.0 };
-    let picture = rig.filled(SIZE, wgpu::TextureFormat::Rgba8Unorm, grey)?;
+    let picture = rig.constant_texture(SIZE, wgpu::TextureFormat::Rgba8Unorm, grey)?;
     let settings = GlassUniforms { exposure: EXPOSURE as f32, ambient: AMBIENT as f32 };
     let targets = (&picture, &depth);
     let stage = glass::new(rig, (&shared, view), (&scene, &geometry), targets, &settings)?;
     let stage = stage.ok_or_else(|| rig.empty("panes"))?;
-    rig.drawn(&[&stage], &picture, 0)
+    rig.draw(&[&stage], &picture, 0)
 }
 
 /// Exact rays' surfaces, blended.
@@ -90,7 +90,7 @@ impl<'a> Blended<'a> {
         Self { view, rays: rig::rays(view), tracers: tracers.collect(), wall_m, nearest_first }
     }
 
-    fn at(&self, (x, y): (u32, u32)) -> f64 {
+    fn radiance(&self, (x, y): (u32, u32)) -> f64 {
         let camera = &self.view.camera;
         let (origin, direction, length_m) = self.rays.ray(x, y);
         let to_light = -self.view.light_frame().forward;
@@ -99,7 +99,7 @@ impl<'a> Blended<'a> {
             let depth_m = (hit.position - camera.position()).dot(camera.direction());
             let lit = AMBIENT + hit.normal.dot(to_light).max(0.0);
             let radiance = f64::from(grey as f32) / PI * lit * self.view.irradiance();
-            let shown = shown_of(radiance, EXPOSURE);
+            let shown = tone_mapped(radiance, EXPOSURE);
             (depth_m < self.wall_m).then_some((depth_m, f64::from(alpha as f32), shown))
         });
         let mut met: Vec<_> = met.collect();
@@ -116,6 +116,6 @@ impl<'a> Blended<'a> {
 fn is_inner(exact: &Image, (x, y): (u32, u32)) -> bool {
     let around = [(-1, 0), (1, 0), (0, -1), (0, 1)];
     around.into_iter().all(|(dx, dy)| {
-        (exact.at((x, y)) - exact.clamped(i64::from(x) + dx, i64::from(y) + dy)).abs() < 0.02
+        (exact.get((x, y)) - exact.clamped(i64::from(x) + dx, i64::from(y) + dy)).abs() < 0.02
     })
 }

@@ -1,7 +1,7 @@
 //! `hsao/march` against closed forms, against ray casting where the camera sees a height field, and against its own means of a scene.
 
 use crate::prelude::*;
-use fathom_reference::occlusion::{Attenuation, beside_wall, occlusion};
+use fathom_reference::occlusion::{Obscurity, occlusion, occlusion_beside_wall};
 use fathom_scene::surface;
 use fathom_stages::hsao::march::{self, HorizonUniforms};
 
@@ -31,14 +31,14 @@ pub fn cases() -> Vec<Case> {
 /// What the stage makes of a scene's G-buffer: A.
 fn shade(
     rig: &Rig<'_>,
-    stand: &Stand,
-    gbuffer: &GbufferTextures,
+    fixture: &Fixture,
+    gbuffer: &GBuffer,
     settings: &HorizonUniforms,
-    attenuation: Attenuation,
+    attenuation: Obscurity,
 ) -> Result<Image> {
-    let hard = attenuation == Attenuation::Hard;
-    let stage = march::new(rig, &stand.shared, gbuffer, settings, hard)?;
-    Ok(rig.drawn(&[&stage], stage.texture(), 0)?.map(|visibility| 1.0 - visibility))
+    let hard = attenuation == Obscurity::Hard;
+    let stage = march::new(rig, &fixture.shared, gbuffer, settings, hard)?;
+    Ok(rig.draw(&[&stage], stage.texture(), 0)?.map(|visibility| 1.0 - visibility))
 }
 
 fn method(buffer_px: [u32; 2]) -> HorizonUniforms {
@@ -60,20 +60,20 @@ fn dense() -> HorizonUniforms {
 }
 
 fn means(rig: &Rig<'_>) -> Checks {
-    let stand = rig.stand(Scene::load(SCENE)?, SIZE)?;
-    let gbuffer = rig.gbuffer(&stand)?;
-    let check = |((name, attenuation, buffer_px), expected): ((&str, Attenuation, _), f64)| {
+    let fixture = rig.fixture(Scene::load(SCENE)?, SIZE)?;
+    let gbuffer = rig.gbuffer(&fixture)?;
+    let check = |((name, attenuation, buffer_px), expected): ((&str, Obscurity, _), f64)| {
         let off = |r_max_m: f32| -> Result<f64> {
             let settings = HorizonUniforms { seed: SEED, r_max_m, ..method(buffer_px) };
-            let mean = shade(rig, &stand, &gbuffer, &settings, attenuation)?.mean();
+            let mean = shade(rig, &fixture, &gbuffer, &settings, attenuation)?.mean();
             Ok((mean - expected).abs())
         };
-        Ok(Check::of(rig, format!("{name}: mean A of scene {SCENE} against that of an f64 copy"))
+        Ok(Check::new(rig, format!("{name}: mean A of scene {SCENE} against that of an f64 copy"))
             .within((MEAN_TOLERANCE, "1"), off(1.0)?)
             .control("r_max 5 % greater", off(1.05)?))
     };
     let half = SIZE.map(|side| side / 2);
-    [("linear", Attenuation::Linear, SIZE), ("hard, at half the size", Attenuation::Hard, half)]
+    [("linear", Obscurity::Linear, SIZE), ("hard, at half the size", Obscurity::Hard, half)]
         .into_iter()
         .zip(MEANS)
         .map(check)
@@ -87,12 +87,12 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
     let plane = built(rig, camera.clone(), vec![floor.clone()])?;
     let corner = built(rig, camera, vec![floor, wall])?;
 
-    let most = |stand: &Stand| -> Result<f64> {
-        let found = shade(rig, stand, &rig.gbuffer(stand)?, &dense(), Attenuation::Hard)?;
+    let most = |fixture: &Fixture| -> Result<f64> {
+        let found = shade(rig, fixture, &rig.gbuffer(fixture)?, &dense(), Obscurity::Hard)?;
         Ok(largest(found.data().iter().copied()))
     };
     let mut checks = vec![
-        Check::of(rig, "largest occlusion of a plane by itself")
+        Check::new(rig, "largest occlusion of a plane by itself")
             .within((PLANE, "1"), most(&plane)?)
             .control("a wall stands on it", most(&corner)?),
     ];
@@ -100,7 +100,7 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
         let on_floor = hit.normal.y > 0.5;
         let from_edge = if on_floor { hit.position.x } else { hit.position.y };
         // Pixels next to the edge hold it.
-        (from_edge > 0.06).then(|| beside_wall(from_edge / r_max_m, attenuation))
+        (from_edge > 0.06).then(|| occlusion_beside_wall(from_edge / r_max_m, attenuation))
     };
     let title = |name: &str| format!("beside a wall, {name}: RMS of the error");
     checks.extend(rms_checks(rig, &corner, (title, WALL_RMS), ("r_max 20 % greater", 1.2), exact)?);
@@ -119,42 +119,42 @@ fn height_field(rig: &Rig<'_>) -> Checks {
         let along_z = -HEIGHT_M * WAVES_PER_M[1] * u.sin() * v.sin();
         DVec3::new(-along_x, 1.0, -along_z).normalize()
     };
-    let stand = built(rig, camera([0.0, 4.5, 2.2], [0.0; 3]), vec![hills(height, normal)])?;
+    let fixture = built(rig, camera([0.0, 4.5, 2.2], [0.0; 3]), vec![hills(height, normal)])?;
     let exact = |hit: &Hit, r_max_m: f64, attenuation| {
         let inside = hit.position.abs().with_y(0.0).max_element() < 1.0;
         let (p, n) = (hit.position, hit.shading_normal);
-        inside.then(|| occlusion(&stand.tracer, p, n, r_max_m, attenuation, 256))
+        inside.then(|| occlusion(&fixture.tracer, p, n, r_max_m, attenuation, 256))
     };
     let title = |name: &str| format!("hills, {name}: RMS of the error against ray casting");
-    rms_checks(rig, &stand, (title, FIELD_RMS), ("r_max half as great", 0.5), exact)
+    rms_checks(rig, &fixture, (title, FIELD_RMS), ("r_max half as great", 0.5), exact)
 }
 
 /// Both attenuations against the exact occlusion of what the camera sees, over the pixels where it has an answer for the exact hit; the
 /// control takes that of another r_max.
 fn rms_checks(
     rig: &Rig<'_>,
-    stand: &Stand,
+    fixture: &Fixture,
     (title, tolerance): (impl Fn(&str) -> String, f64),
     (perturbed, factor): (&str, f64),
-    exact: impl Fn(&Hit, f64, Attenuation) -> Option<f64>,
+    exact: impl Fn(&Hit, f64, Obscurity) -> Option<f64>,
 ) -> Checks {
-    let gbuffer = rig.gbuffer(stand)?;
-    let check = |(name, attenuation): (&str, Attenuation)| {
+    let gbuffer = rig.gbuffer(fixture)?;
+    let check = |(name, attenuation): (&str, Obscurity)| {
         let settings = dense();
-        let found = shade(rig, stand, &gbuffer, &settings, attenuation)?;
+        let found = shade(rig, fixture, &gbuffer, &settings, attenuation)?;
         let off = |r_max_m: f64| -> Vec<f64> {
             let inner = (8..SIZE[1] - 8).flat_map(|y| (8..SIZE[0] - 8).map(move |x| (x, y)));
-            let off = |at| Some(found.at(at) - exact(&stand.hit(at)?, r_max_m, attenuation)?);
+            let off = |at| Some(found.get(at) - exact(&fixture.hit(at)?, r_max_m, attenuation)?);
             inner.step_by(5).filter_map(off).collect()
         };
         let r_max_m = f64::from(settings.r_max_m);
         let errors = off(r_max_m);
-        Ok(Check::of(rig, title(name))
+        Ok(Check::new(rig, title(name))
             .within((tolerance, "1"), rms(errors.iter().copied()))
             .control(perturbed, rms(off(factor * r_max_m)))
             .with("bias", mean(errors)))
     };
-    [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)].into_iter().map(check).collect()
+    [("hard", Obscurity::Hard), ("linear", Obscurity::Linear)].into_iter().map(check).collect()
 }
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
@@ -162,8 +162,8 @@ fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
 }
 
 /// Scene `plane` with other objects, seen by this camera.
-fn built(rig: &Rig<'_>, camera: Camera, objects: Vec<Object>) -> Result<Stand> {
-    rig.stand(Scene { camera, objects, ..Scene::load("plane")? }, SIZE)
+fn built(rig: &Rig<'_>, camera: Camera, objects: Vec<Object>) -> Result<Fixture> {
+    rig.fixture(Scene { camera, objects, ..Scene::load("plane")? }, SIZE)
 }
 
 /// A parallelogram around the origin, with half its sides; its normal is that of `a` × `b`.

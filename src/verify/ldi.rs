@@ -16,9 +16,9 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
-    let stand = rig.stand(Scene::load(name)?, SIZE)?;
-    let solid = (&stand.geometry, Part::Solid);
-    let peel = peel::new(rig, &stand.shared, &stand.scene, solid, SIZE, LAYERS as u32)?;
+    let fixture = rig.fixture(Scene::load(name)?, SIZE)?;
+    let solid = (&fixture.geometry, Objects::Solid);
+    let peel = peel::new(rig, &fixture.shared, &fixture.scene, solid, SIZE, LAYERS as u32)?;
     rig.run(&[&peel])?;
     let peeled = read_volume(rig.gpu, &peel.depths, 0)?;
     let texel = |(x, y): (u32, u32), layer: usize| {
@@ -27,14 +27,14 @@ fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
     };
     // The nearest first, one more than there are layers at most.
     let exact = |(x, y): (u32, u32)| -> Vec<f64> {
-        let (origin, direction, _) = stand.rays.ray(x, y);
-        let next = |from_m: f64| stand.tracer.cast(origin, direction, from_m, f64::MAX);
+        let (origin, direction, _) = fixture.rays.ray(x, y);
+        let next = |from_m: f64| fixture.tracer.cast(origin, direction, from_m, f64::MAX);
         let hits = successors(next(0.0), |hit| next(hit.distance_m + OFF_M)).take(LAYERS + 1);
-        hits.filter_map(|hit| Some(stand.rays.project(hit.position)?.depth)).collect()
+        hits.filter_map(|hit| Some(fixture.rays.project(hit.position)?.depth)).collect()
     };
     let chosen = pixels(SIZE).filter(|(x, y)| x % 7 == 3 && y % 7 == 3);
     let chosen: Vec<_> = chosen.map(|at| (at, exact(at))).collect();
-    let view_m = |z: f64| stand.view.camera.view_depth_m(z);
+    let view_m = |z: f64| fixture.view.camera.view_depth_m(z);
     let errors = |behind: usize| {
         percentile::<90>(chosen.iter().flat_map(|(at, exact)| {
             (0..LAYERS).filter_map(move |layer| {
@@ -49,7 +49,7 @@ fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
     };
     let what = "90th percentile of the layers' depth errors, of the distance";
     // At silhouettes, and where surfaces touch, another one may be next.
-    Ok(Check::of(rig, format!("scene {name}: {what}"))
+    Ok(Check::new(rig, format!("scene {name}: {what}"))
         .within((5e-3, "1"), errors(0))
         .control("each layer held against the next", errors(1)))
 }

@@ -37,7 +37,7 @@ fn look_at(rig: &Rig<'_>) -> Checks {
             let expected = (middle - uniforms.light_position_m.as_dvec3()).normalize();
             expected.cross(uniforms.light_forward.as_dvec3()).length()
         };
-        Check::of(rig, format!("{name} light: angle to the middle of the view"))
+        Check::new(rig, format!("{name} light: angle to the middle of the view"))
             .within((1e-5, "rad"), off(0.5))
             .control("middle taken at 0.55 of the frustum", off(0.55))
     };
@@ -49,7 +49,7 @@ fn look_at(rig: &Rig<'_>) -> Checks {
         f64::from(difference.into_iter().fold(0.0, |most: f32, of| most.max(of.abs())))
     };
     checks.push(
-        Check::of(rig, "photons of the whole frustum: largest difference of its matrix")
+        Check::new(rig, "photons of the whole frustum: largest difference of its matrix")
             .within((0.0, "1"), off(false))
             .control("photons of the fitted rectangle", off(true)),
     );
@@ -57,10 +57,10 @@ fn look_at(rig: &Rig<'_>) -> Checks {
 }
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
-    let stand = rig.stand(Scene::load(SCENE)?, VIEW)?;
-    let stage = shadow::depth::new(rig, &stand.shared, &stand.geometry, TEXELS)?;
-    let depth = rig.drawn(&[&stage], stage.texture(), 0)?;
-    let frame = stand.view.light_frame();
+    let fixture = rig.fixture(Scene::load(SCENE)?, VIEW)?;
+    let stage = shadow::depth::new(rig, &fixture.shared, &fixture.geometry, TEXELS)?;
+    let depth = rig.draw(&[&stage], stage.texture(), 0)?;
+    let frame = fixture.view.light_frame();
     // Of each texel: the distance along the light between the map and the exact hit of a ray so many texels away; an error where one of
     // both is empty.
     let errors = |aside: f64| {
@@ -69,8 +69,8 @@ fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
                 [x, y].map(|k| 2.0 * (f64::from(k) + 0.5 + aside) / f64::from(TEXELS) - 1.0);
             let [ndc_x, ndc_y] = [place[0], -place[1]];
             let (origin, direction) = frame.ray(ndc_x, ndc_y);
-            let hit = stand.tracer.cast(origin, direction, 0.0, f64::MAX);
-            match (hit, depth.at((x, y))) {
+            let hit = fixture.tracer.cast(origin, direction, 0.0, f64::MAX);
+            match (hit, depth.get((x, y))) {
                 (None, stored) if stored >= 1.0 => Ok(None),
                 (Some(hit), stored) if stored < 1.0 => {
                     let seen = frame.inverse.project_point3(DVec3::new(ndc_x, ndc_y, stored));
@@ -85,7 +85,7 @@ fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
     let of = |errors: &[Result<Option<f64>, ()>]| -> Vec<f64> {
         errors.iter().filter_map(|error| error.ok().flatten()).collect()
     };
-    Ok(Check::of(rig, "99th percentile of |depth − ray|")
+    Ok(Check::new(rig, "99th percentile of |depth − ray|")
         .within((DEPTH_P99_M, "m"), percentile::<99>(of(&exact)))
         .control("rays half a texel aside", percentile::<99>(of(&aside)))
         .with("median_m", median(of(&exact)))
@@ -93,23 +93,23 @@ fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
 }
 
 fn shadow_mask(rig: &Rig<'_>) -> Result<Check> {
-    let stand = rig.stand(Scene::load(SHADED_SCENE)?, VIEW)?;
-    let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, TEXELS)?;
-    let stage = shadow::mask::new(rig, &stand.shared, depth.texture(), CELLS)?;
-    let mask = rig.drawn(&[&depth, &stage], stage.texture(), 0)?;
-    let matrix = stand.view.light_frame().view_projection;
+    let fixture = rig.fixture(Scene::load(SHADED_SCENE)?, VIEW)?;
+    let depth = shadow::depth::new(rig, &fixture.shared, &fixture.geometry, TEXELS)?;
+    let stage = shadow::mask::new(rig, &fixture.shared, depth.texture(), CELLS)?;
+    let mask = rig.draw(&[&depth, &stage], stage.texture(), 0)?;
+    let matrix = fixture.view.light_frame().view_projection;
     let rays = PixelRays::of_matrix(matrix, mask.width(), mask.height());
     // Whether the light enters the water at a texel, past what shades it.
     let wet = |tracer: &Tracer, (x, y): (u32, u32)| {
         let (origin, direction, length) = rays.ray(x, y);
-        enter(&stand.scene.water, origin, direction, length)
+        enter(&fixture.scene.water, origin, direction, length)
             .is_some_and(|entry| tracer.cast(origin, direction, 0.0, entry.distance_m).is_none())
     };
     let unlike = |tracer: &Tracer| {
-        share(pixels(mask.size()).map(|at| wet(tracer, at) != (mask.at(at) > 0.5)))
+        share(pixels(mask.size()).map(|at| wet(tracer, at) != (mask.get(at) > 0.5)))
     };
-    Ok(Check::of(rig, "share of texels unlike exact rays")
-        .within((0.01, "1"), unlike(&stand.tracer))
+    Ok(Check::new(rig, "share of texels unlike exact rays")
+        .within((0.01, "1"), unlike(&fixture.tracer))
         .control("nothing shades the water", unlike(&Tracer::new(&[])))
-        .with("water_share", share(pixels(mask.size()).map(|at| wet(&stand.tracer, at)))))
+        .with("water_share", share(pixels(mask.size()).map(|at| wet(&fixture.tracer, at)))))
 }

@@ -1,7 +1,7 @@
 //! `godrays/lines`: intensity along lines, their width, and the phase function, against closed forms.
 
 use crate::prelude::*;
-use fathom_pipelines::Drawing;
+use fathom_pipelines::PipelineInstance;
 use fathom_pipelines::underwater::{Params, Underwater};
 use fathom_reference::godray::{Godray, Medium};
 use fathom_stages::godrays::lines::{self, LinesUniforms};
@@ -52,7 +52,7 @@ fn draw_as(
     };
     let inputs = (&rig.photons(photons), &rig.depth([side_px; 2], 1.0)?);
     let stage = lines::new(rig, &shared, inputs, &settings, conserving, 10.0)?;
-    rig.drawn(&[&stage], &stage.texture, 0)
+    rig.draw(&[&stage], &stage.texture, 0)
 }
 
 /// A photon's line with the numbers that the GPU has.
@@ -62,32 +62,32 @@ fn godray(photon: &Photon) -> Godray {
 
 /// Lines in their own cells.
 fn isolated(rig: &Rig<'_>) -> Checks {
-    let lines = Lines::new(rig::synthetic_view(SIZE, GAMMA_PER_M)?);
+    let lines = LineScene::new(rig::synthetic_view(SIZE, GAMMA_PER_M)?);
     let image = draw(rig, &lines.view, &lines.photons)?;
     let errors = |medium: Medium, width_px: f64| lines.errors(&image, medium, width_px);
     let exact = errors(MEDIUM, WIDTH_PX);
     let murky = errors(Medium { gamma_per_m: GAMMA_PER_M * 1.05, ..MEDIUM }, WIDTH_PX);
     let broad = errors(MEDIUM, WIDTH_PX + 2.0);
     Ok(vec![
-        Check::of(rig, "isolated lines: largest relative error of intensity")
+        Check::new(rig, "isolated lines: largest relative error of intensity")
             .within((1e-3, "1"), exact.intensity)
             .control("attenuation 5 % higher", murky.intensity)
             .with("pixels_compared", exact.pixels as f64),
-        Check::of(rig, "isolated lines: share of pixels unlike the rectangle")
+        Check::new(rig, "isolated lines: share of pixels unlike the rectangle")
             .within((1e-3, "1"), exact.coverage)
             .control("lines 2 px wider", broad.coverage),
     ])
 }
 
 /// Lines at all angles, each in its own cell of the buffer, some of them running away from the viewer.
-struct Lines {
+struct LineScene {
     view: View,
     photons: Vec<Photon>,
     /// Those in view.
-    segments: Vec<(Godray, Segment)>,
+    segments: Vec<(Godray, ScreenSegment)>,
 }
 
-impl Lines {
+impl LineScene {
     fn new(view: View) -> Self {
         let (eye, rays) = (view.camera.position(), rig::rays(&view));
         let mut random = Random::new(5);
@@ -105,7 +105,7 @@ impl Lines {
             rig::photon(entry, hit, entry.distance(hit))
         };
         let photons: Vec<Photon> = (0..CELLS * CELLS).map(line).collect();
-        let segment = |ray: Godray| Some((ray, Segment::new([ray.entry, ray.hit], &rays)?));
+        let segment = |ray: Godray| Some((ray, ScreenSegment::new([ray.entry, ray.hit], &rays)?));
         let segments = photons.iter().map(godray).filter_map(segment).collect();
         Self { view, photons, segments }
     }
@@ -114,7 +114,7 @@ impl Lines {
     fn errors(&self, image: &Image, medium: Medium, width_px: f64) -> LineErrors {
         let (mut intensity, mut unlike) = (Vec::new(), Vec::new());
         for (x, y) in pixels(image.size()) {
-            let value = image.at((x, y));
+            let value = image.get((x, y));
             let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
             // Margin by which the nearest line covers the pixel, negative outside.
             let covering = self.segments.iter().map(|(ray, segment)| {
@@ -146,8 +146,8 @@ impl Lines {
 /// length in pixels does: it is the integral of the intensity along them.
 fn conserved(rig: &Rig<'_>) -> Result<Check> {
     const STEPS: u32 = 400;
-    let lines = Lines::new(rig::synthetic_view(SIZE, GAMMA_PER_M)?);
-    let integral = |(ray, segment): &(Godray, Segment)| {
+    let lines = LineScene::new(rig::synthetic_view(SIZE, GAMMA_PER_M)?);
+    let integral = |(ray, segment): &(Godray, ScreenSegment)| {
         let at = |i: u32| {
             let place = ray.point(segment.share((f64::from(i) + 0.5) / f64::from(STEPS)));
             ray.intensity(place, lines.view.camera.position(), MEDIUM)
@@ -166,7 +166,7 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
     };
     let what =
         "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error";
-    Ok(Check::of(rig, what)
+    Ok(Check::new(rig, what)
         .within((0.02, "1"), worst(true)?)
         .control("the paper's rule", worst(false)?))
 }
@@ -186,7 +186,7 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
         (params.godrays.phase_k, params.godrays.buffer) = (0.0, buffer);
         params.godrays.line_width_px = 6.0;
         (params.view.width, params.view.height, params.shadow.size) = (320, 240, 256);
-        let pipeline = Built::<Underwater>::new(rig.gpu, &Scene::build(&file)?, &params)?;
+        let pipeline = BuiltPipeline::<Underwater>::new(rig.gpu, &Scene::build(&file)?, &params)?;
         rig.run_until(&pipeline, STAGE)?;
         let about = pipeline.context(STAGE);
         let number = |of: &str, name: &str| about[of][name].as_f64().unwrap_or(f64::NAN);
@@ -194,7 +194,7 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
         let matrix = params.camera.view_projection(view.aspect());
         let rays = PixelRays::of_matrix(matrix, buffer[0], buffer[1]);
         let ends = [photon.entry(), photon.hit()];
-        let line = Segment::new(ends, &rays).ok_or_else(|| rig.empty("scattered light"))?;
+        let line = ScreenSegment::new(ends, &rays).ok_or_else(|| rig.empty("scattered light"))?;
         let (way, pixel) = (ends[1] - ends[0], view.pixel_tangent(buffer).powi(2));
         let image = rig.channel(&pipeline.godrays.drawn.texture, 0)?;
         let brought = |(x, y): (u32, u32)| {
@@ -204,18 +204,18 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
                 .map(|place| params.camera.view().transform_point3(place));
             let turn = (at.truncate() / at.z).distance(next.truncate() / next.z) / 1e-4;
             let (z, cos) = (-at.z, -at.z / at.length());
-            let radiance = image.at((x, y)) * number("radiance", "scale");
+            let radiance = image.get((x, y)) * number("radiance", "scale");
             let along = number("radiance", "distance_m") / (z * z * cos * turn);
             [radiance * along, radiance].map(|radiance| radiance * pixel * z * z * cos)
         };
-        let lit = || pixels(buffer).filter(|at| image.at(*at) > 0.0).map(brought);
+        let lit = || pixels(buffer).filter(|at| image.get(*at) > 0.0).map(brought);
         let flux_w = number("photons", "flux_w");
         let exact = params.godrays.scattering_per_m * flux_w * way.length() / (4.0 * PI);
         Ok([0, 1].map(|rule| relative_error(lit().map(|both| both[rule]).sum(), exact)))
     };
     let errors: Vec<_> = BUFFERS.into_iter().zip(EYES).map(errors).collect::<Result<_>>()?;
     let worst = |rule: usize| largest(errors.iter().map(|of| of[rule]));
-    Ok(Check::of(rig, "light scattered in along a line by its texels: largest relative error")
+    Ok(Check::new(rig, "light scattered in along a line by its texels: largest relative error")
         .within((0.02, "1"), worst(0))
         .control("neither distance nor angle", worst(1)))
 }
@@ -228,20 +228,19 @@ struct LineErrors {
     coverage: f64,
 }
 
-/// A line on the screen.
-pub struct Segment {
+pub struct ScreenSegment {
     pub from: DVec2,
     pub to: DVec2,
     /// Distances along the view direction of its ends: clip-space w.
     pub w: [f64; 2],
 }
 
-impl Segment {
+impl ScreenSegment {
     /// Between two places in the world.
-    pub fn new(ends: [DVec3; 2], rays: &PixelRays) -> Option<Segment> {
+    pub fn new(ends: [DVec3; 2], rays: &PixelRays) -> Option<ScreenSegment> {
         let [Some(a), Some(b)] = ends.map(|end| rays.project(end)) else { return None };
         let [from, to] = [a, b].map(|end| DVec2::new(end.x_px, end.y_px));
-        Some(Segment { from, to, w: [a.w, b.w] })
+        Some(ScreenSegment { from, to, w: [a.w, b.w] })
     }
 
     pub fn length_px(&self) -> f64 {
@@ -293,12 +292,12 @@ fn phase_integral(rig: &Rig<'_>) -> Result<Check> {
     let image = draw(rig, &view, &photons)?;
     let integral = |weight: fn(f64, f64) -> f64| -> f64 {
         let terms = middles.iter().zip(&nodes);
-        terms.map(|(at, (cosine, w))| image.at(*at) / PHOTON_W * TAU * weight(*cosine, *w)).sum()
+        terms.map(|(at, (cosine, w))| image.get(*at) / PHOTON_W * TAU * weight(*cosine, *w)).sum()
     };
     let sphere = integral(|_, weight| weight);
     // Leaving out the sine that turns angles into solid angle.
     let flat = integral(|cosine, weight| weight / (1.0 - cosine * cosine).sqrt());
-    Ok(Check::of(rig, "|integral of the phase function over the sphere − 1|")
+    Ok(Check::new(rig, "|integral of the phase function over the sphere − 1|")
         .within((1e-3, "1"), (sphere - 1.0).abs())
         .control("weights without the sine", (flat - 1.0).abs())
         .with("integral", sphere))

@@ -83,13 +83,13 @@ pub struct Check {
 pub struct Control {
     pub perturbed: String,
     pub measured: f64,
-    pub failed_as_it_must: bool,
+    pub has_failed: bool,
 }
 
 impl Check {
     /// A comparison of the stage that a case judges: what is compared, and its statistic. It is not sound until it is given what was
     /// measured and a control.
-    pub fn of(rig: &Rig<'_>, what: impl Into<String>) -> Check {
+    pub fn new(rig: &Rig<'_>, what: impl Into<String>) -> Check {
         Check {
             stage: rig.stage,
             what: what.into(),
@@ -111,8 +111,8 @@ impl Check {
     /// The same measured with one value perturbed: it must exceed the tolerance. What is not a number does not.
     #[must_use]
     pub fn control(self, perturbed: impl Into<String>, measured: f64) -> Check {
-        let failed_as_it_must = measured > self.tolerance;
-        let control = Control { perturbed: perturbed.into(), measured, failed_as_it_must };
+        let has_failed = measured > self.tolerance;
+        let control = Control { perturbed: perturbed.into(), measured, has_failed };
         Check { control, ..self }
     }
 
@@ -125,7 +125,7 @@ impl Check {
 
     /// The comparison passed and its control failed.
     pub fn is_sound(&self) -> bool {
-        self.passed && self.control.failed_as_it_must
+        self.passed && self.control.has_failed
     }
 }
 
@@ -135,13 +135,13 @@ impl From<Check> for Vec<Check> {
     }
 }
 
-type Run = dyn Fn(&Rig<'_>) -> Checks;
+type CaseFn = dyn Fn(&Rig<'_>) -> Checks;
 
 /// A case: one run on the GPU that yields one or more checks of a stage.
 pub struct Case {
     pub stage: &'static str,
     what: String,
-    run: Box<Run>,
+    run: Box<CaseFn>,
 }
 
 impl Case {
@@ -215,19 +215,18 @@ pub fn cases() -> Vec<Case> {
     families.into_iter().flatten().collect()
 }
 
-/// A case that has run.
-pub struct Ended<'a> {
+pub struct FinishedCase<'a> {
     pub case: &'a Case,
     /// From 1.
     pub number: usize,
-    pub of: usize,
+    pub total: usize,
     pub took: Duration,
 }
 
-impl fmt::Display for Ended<'_> {
+impl fmt::Display for FinishedCase<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { case, number, of, took } = self;
-        write!(f, "{number} of {of}: {} {}, {:.1} s", case.stage, case.what, took.as_secs_f64())
+        let Self { case, number, total, took } = self;
+        write!(f, "{number} of {total}: {} {}, {:.1} s", case.stage, case.what, took.as_secs_f64())
     }
 }
 
@@ -237,7 +236,7 @@ pub fn verify(
     gpu: &Gpu,
     all: &[Case],
     filter: Option<&str>,
-    each: impl FnMut(Ended<'_>),
+    each: impl FnMut(FinishedCase<'_>),
 ) -> Result<Verified> {
     let chosen: Vec<&Case> =
         all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
@@ -259,32 +258,32 @@ pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<C
 }
 
 /// Runs each case so that what the GPU reports late becomes this case's error.
-fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(Ended<'_>)) -> Result<Verified> {
+fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(FinishedCase<'_>)) -> Result<Verified> {
     let mut verified = Verified::default();
     for (number, case) in (1..).zip(cases) {
         let begin = Instant::now();
         let rig = Rig::new(gpu, case.stage);
         let mut found = Ok(Vec::new());
-        let ran = gpu.scoped(|| {
+        let ran = gpu.catch(|| {
             found = (case.run)(&rig);
             Ok(())
         });
-        if let Some(reason) = rig.beyond(&gpu.limits) {
+        if let Some(reason) = rig.exceeded_limit(&gpu.limits) {
             let (stage, what) = (case.stage, case.what.clone());
             verified.skipped.push(SkippedCase { stage, what, reason });
         } else {
             ran?;
             verified.checks.extend(found?);
         }
-        each(Ended { case, number, of: cases.len(), took: begin.elapsed() });
+        each(FinishedCase { case, number, total: cases.len(), took: begin.elapsed() });
     }
     Ok(verified)
 }
 
 /// A table of checks for people, one line each, figures below.
-pub struct Table<'a>(pub &'a [Check]);
+pub struct CheckTable<'a>(pub &'a [Check]);
 
-impl fmt::Display for Table<'_> {
+impl fmt::Display for CheckTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = |text: fn(&Check) -> &str, least: usize| {
             let widths = self.0.iter().map(|check| text(check).chars().count());
@@ -297,7 +296,7 @@ impl fmt::Display for Table<'_> {
             "", "stage", "check", "measured", "tolerance", "unit"
         )?;
         for check in self.0 {
-            let verdict = match (check.passed, check.control.failed_as_it_must) {
+            let verdict = match (check.passed, check.control.has_failed) {
                 (true, true) => "ok",
                 (false, _) => "FAILED",
                 (true, false) => "BLIND",

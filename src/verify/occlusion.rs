@@ -8,7 +8,7 @@ mod points;
 use crate::prelude::*;
 use fathom_reference::occlusion as reference;
 use fathom_stages::ao::query::{self, SurfacePoint};
-use fathom_stages::marching::{Attenuation, Guard, Hit, Marching};
+use fathom_stages::marching::{Attenuation, Guard, HitPoint, Marching};
 
 pub fn cases() -> Vec<Case> {
     [points::cases(), laws::cases(), orientations::cases(), edges::cases()]

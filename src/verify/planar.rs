@@ -3,7 +3,7 @@
 
 use crate::prelude::*;
 use fathom_reference::pool::{Basin, Face, face_by_face};
-use fathom_stages::planar::compose::{self, Shown};
+use fathom_stages::planar::compose::{self, PlanarView};
 use fathom_stages::planar::points;
 use fathom_stages::pool::Pool;
 
@@ -45,7 +45,7 @@ fn pool(center_m: [f64; 2], half_size_m: [f64; 2], amplitude_m: f64) -> Result<S
         half_size_m,
         ..Water::default()
     };
-    let basin = Basin::of(&scene.water, FLOOR_DEPTH_M);
+    let basin = Basin::from_water(&scene.water, FLOOR_DEPTH_M);
     scene.objects = Face::ALL.map(|face| wall(&basin, face)).into();
     let middle = DVec3::new(center_m[0], 0.0, center_m[1]);
     let at = |offset: DVec3| (middle + offset).to_array();
@@ -62,10 +62,10 @@ fn wall(basin: &Basin, face: Face) -> Object {
     let rectangle = basin.rectangle(face);
     let [a, b] = [0.5 * rectangle.right, 0.5 * rectangle.down];
     let (a, b) = if a.cross(b).dot(face.normal()) > 0.0 { (a, b) } else { (b, a) };
-    Object::new("face", Mesh::parallelogram(rectangle.at([0.5; 2]), a, b))
+    Object::new("face", Mesh::parallelogram(rectangle.point([0.5; 2]), a, b))
 }
 
-fn of_basin(basin: &Basin) -> Pool {
+fn pool_from(basin: &Basin) -> Pool {
     Pool { floor_depth_m: basin.floor_depth_m as f32, top_m: basin.top_m as f32, texels: TEXELS }
 }
 
@@ -82,17 +82,17 @@ fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     // Rows of photons at the border of the water, of some five hundred, or of a fourth of that, and 16-bit sums of some forty.
     let (grid, tolerance) =
         if rig.sums_are_short() { (SHORT_FINE_GRID, 0.04) } else { (FINE_GRID, 5e-3) };
-    let stand = rig.stand(scene, SIZE)?;
-    let Stand { shared, geometry, view, scene, .. } = &stand;
+    let fixture = rig.fixture(scene, SIZE)?;
+    let Fixture { shared, geometry, view, scene, .. } = &fixture;
     let depth = shadow::depth::new(rig, shared, geometry, 512)?;
     let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
     let transfers = map::new(rig, shared, mask.texture(), &rig::light_grid(grid))?;
-    let basin = Basin::of(&scene.water, scene.floor_depth_m);
+    let basin = Basin::from_water(&scene.water, scene.floor_depth_m);
     let photon_w = view.weighted_flux_w() / f64::from(transfers.transfers.count);
-    let points = points::new(rig, shared, &transfers.transfers, &of_basin(&basin), photon_w)?;
+    let points = points::new(rig, shared, &transfers.transfers, &pool_from(&basin), photon_w)?;
     rig.run(&[&depth, &mask, &transfers, &points])?;
     // Twice, as the second frame finds what the first has left.
-    let atlas = rig.drawn(&[&points], points.texture(), 0)?;
+    let atlas = rig.draw(&[&points], points.texture(), 0)?;
     let map = face_by_face(atlas.data(), TEXELS);
     let face = |texel: usize| Face::ALL[texel / (TEXELS * TEXELS) as usize];
     let texel_w =
@@ -111,7 +111,7 @@ fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     };
     let off = |height_m: f64| relative_error(flux_w, exact_w(height_m));
     let what = "sum over the map against the flux through the water: relative error";
-    Ok(Check::of(rig, format!("{kind:?} light: {what}"))
+    Ok(Check::new(rig, format!("{kind:?} light: {what}"))
         .within((tolerance, "1"), off(1.0))
         .control("a sun 10 % brighter, a lamp 10 % higher", off(1.1)))
 }
@@ -127,15 +127,15 @@ fn solid_angle(basin: &Basin, from: DVec3) -> f64 {
 }
 
 /// An atlas of noise, and what it holds at a place of a face, bilinear and clamped at the border.
-struct Noise(Image);
+struct NoiseAtlas(Image);
 
-impl Noise {
+impl NoiseAtlas {
     fn new() -> Self {
         // Some W/m², as sunlight brings.
         Self(noise([Face::ALL.len() as u32 * TEXELS, TEXELS], 5).map(|value| 2.0 + 8.0 * value))
     }
 
-    fn at(&self, face: Face, place: [f64; 2]) -> f64 {
+    fn value(&self, face: Face, place: [f64; 2]) -> f64 {
         let texel = |column: f64, row: f64| {
             let last = f64::from(TEXELS - 1);
             let [column, row] = [column, row].map(|k| k.clamp(0.0, last) as i64);
@@ -157,8 +157,8 @@ const ENOUGH_PX: f64 = 200.0;
 
 /// Radiance that a known map adds to each pixel, against a bilinear look-up in f64, Lambert's law and Beer's; and that nothing else is lit.
 fn looked_up(rig: &Rig<'_>) -> Checks {
-    let noise = Noise::new();
-    let mut found = Found::default();
+    let noise = NoiseAtlas::new();
+    let mut found = AtlasPixels::default();
     for side in SIDES {
         found.see(rig, &noise, side)?;
     }
@@ -169,13 +169,13 @@ fn looked_up(rig: &Rig<'_>) -> Checks {
         "95th percentile of the relative error of the light that the map adds, pixel by pixel";
     // Steps of an 8-bit display.
     Ok(vec![
-        Check::of(rig, added)
+        Check::new(rig, added)
             .within((0.05, "1"), error(0.0))
             .control("looked up a fifth of a texel further", error(0.2)),
-        Check::of(rig, "pixels that the face which is seen least lacks")
+        Check::new(rig, "pixels that the face which is seen least lacks")
             .within((0.0, "px"), lacking(&SIDES))
             .control("seen from one side", lacking(&SIDES[..1])),
-        Check::of(rig, "largest radiance that the map adds beside floor and walls")
+        Check::new(rig, "largest radiance that the map adds beside floor and walls")
             .within((1e-3, "1"), largest(found.unlit.iter().copied()))
             .control("on them", largest(found.lit.iter().map(|lit| lit.added))),
     ])
@@ -194,7 +194,7 @@ fn seen_from(side: f64) -> Result<Scene> {
 }
 
 /// A pixel of a face.
-struct Lit {
+struct LitPixel {
     face: Face,
     side: f64,
     place: [f64; 2],
@@ -204,47 +204,48 @@ struct Lit {
     per_irradiance: f64,
 }
 
-impl Lit {
+impl LitPixel {
     /// With the place moved by so many texels.
-    fn off(&self, noise: &Noise, texels: f64) -> f64 {
+    fn off(&self, noise: &NoiseAtlas, texels: f64) -> f64 {
         let place = self.place.map(|share| share + texels / f64::from(TEXELS));
-        (self.added / (self.per_irradiance * noise.at(self.face, place)) - 1.0).abs()
+        (self.added / (self.per_irradiance * noise.value(self.face, place)) - 1.0).abs()
     }
 }
 
 /// Pixels of pictures with a map of noise against those without light. Those at edges are left out: there the rasterizer may draw either
 /// surface.
 #[derive(Default)]
-struct Found {
-    lit: Vec<Lit>,
+struct AtlasPixels {
+    lit: Vec<LitPixel>,
     /// Radiance that the map adds elsewhere.
     unlit: Vec<f64>,
 }
 
-impl Found {
+impl AtlasPixels {
     fn pixels(&self, face: Face, sides: &[f64]) -> f64 {
         let seen = self.lit.iter().filter(|lit| lit.face == face && sides.contains(&lit.side));
         seen.count() as f64
     }
 
-    fn see(&mut self, rig: &Rig<'_>, noise: &Noise, side: f64) -> Result<()> {
-        let stand = rig.stand(seen_from(side)?, SIZE)?;
-        let gbuffer = rig.gbuffer(&stand)?;
-        let basin = Basin::of(&stand.scene.water, stand.scene.floor_depth_m);
+    fn see(&mut self, rig: &Rig<'_>, noise: &NoiseAtlas, side: f64) -> Result<()> {
+        let fixture = rig.fixture(seen_from(side)?, SIZE)?;
+        let gbuffer = rig.gbuffer(&fixture)?;
+        let basin = Basin::from_water(&fixture.scene.water, fixture.scene.floor_depth_m);
         // Radiance of each pixel by a map.
         let radiance = |map: &Image| -> Result<Image> {
             const EXPOSURE: f64 = 0.8;
-            let lit = (&rig.grey(map), &of_basin(&basin));
-            let stage = compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::Image)?;
-            let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
+            let lit = (&rig.grey(map), &pool_from(&basin));
+            let stage =
+                compose::new(rig, &fixture.shared, &gbuffer, lit, EXPOSURE, PlanarView::Image)?;
+            let shown = rig.draw(&[&stage], stage.texture(), BLUE)?;
             Ok(shown.map(|value| radiance_of(value, EXPOSURE)))
         };
         let (light, dark) = (radiance(&noise.0)?, radiance(&noise.0.map(|_| 0.0))?);
         let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
         for at in pixels(SIZE) {
-            let added = light.at(at) - dark.at(at);
-            let hit = stand.hit(at);
-            if near_other(&stand, at, hit.map(|hit| hit.object)) {
+            let added = light.get(at) - dark.get(at);
+            let hit = fixture.hit(at);
+            if near_other(&fixture, at, hit.map(|hit| hit.object)) {
                 continue;
             }
             // Objects are the faces in their order, and then the slab.
@@ -255,13 +256,13 @@ impl Found {
             };
             // Walls have no outer sides here: what is seen from behind says nothing.
             if face.normal().dot(hit.normal) > 0.0 {
-                let through = rig::through_water(&stand.scene, hit.position);
-                self.lit.push(Lit {
+                let through = rig::through_water(&fixture.scene, hit.position);
+                self.lit.push(LitPixel {
                     face,
                     side,
                     place: basin.rectangle(face).place(hit.position),
                     added,
-                    per_irradiance: albedo.at(at) / PI * through,
+                    per_irradiance: albedo.get(at) / PI * through,
                 });
             }
         }
@@ -273,13 +274,13 @@ impl Found {
 const BLUE: usize = 2;
 
 /// Whether a neighbour of the pixel shows something else.
-fn near_other(stand: &Stand, (x, y): (u32, u32), object: Option<usize>) -> bool {
+fn near_other(fixture: &Fixture, (x, y): (u32, u32), object: Option<usize>) -> bool {
     let around = [(-1, 0), (1, 0), (0, -1), (0, 1)];
     let other = |(dx, dy): (i32, i32)| {
         let (x, y) = (x.checked_add_signed(dx), y.checked_add_signed(dy));
         let inside = |at: Option<u32>, side: u32| at.filter(|at| *at < side);
         let (Some(x), Some(y)) = (inside(x, SIZE[0]), inside(y, SIZE[1])) else { return false };
-        stand.hit((x, y)).map(|hit| hit.object) != object
+        fixture.hit((x, y)).map(|hit| hit.object) != object
     };
     around.into_iter().any(other)
 }
@@ -287,22 +288,22 @@ fn near_other(stand: &Stand, (x, y): (u32, u32), object: Option<usize>) -> bool 
 /// The picture of the floor's map, pixel by pixel.
 fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     const EXPOSURE: f64 = 0.4;
-    let stand = rig.stand(sunny()?, SIZE)?;
-    let noise = Noise::new();
-    let pool = of_basin(&Basin::of(&stand.scene.water, FLOOR_DEPTH_M));
-    let (gbuffer, lit) = (rig.gbuffer(&stand)?, (&rig.grey(&noise.0), &pool));
-    let stage = compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::FloorMap)?;
-    let shown = rig.drawn(&[&stage], stage.texture(), 0)?;
+    let fixture = rig.fixture(sunny()?, SIZE)?;
+    let noise = NoiseAtlas::new();
+    let pool = pool_from(&Basin::from_water(&fixture.scene.water, FLOOR_DEPTH_M));
+    let (gbuffer, lit) = (rig.gbuffer(&fixture)?, (&rig.grey(&noise.0), &pool));
+    let stage = compose::new(rig, &fixture.shared, &gbuffer, lit, EXPOSURE, PlanarView::FloorMap)?;
+    let shown = rig.draw(&[&stage], stage.texture(), 0)?;
     let error = |face: i64| {
         largest(pixels(SIZE).map(|(x, y)| {
             let texel = [(x, SIZE[0]), (y, SIZE[1])].map(|(at, side)| {
                 ((f64::from(at) + 0.5) / f64::from(side) * f64::from(TEXELS)) as i64
             });
             let irradiance = noise.0.clamped(texel[0] + face * i64::from(TEXELS), texel[1]);
-            (shown.at((x, y)) - shown_of(irradiance / PI, EXPOSURE)).abs()
+            (shown.get((x, y)) - tone_mapped(irradiance / PI, EXPOSURE)).abs()
         }))
     };
-    Ok(Check::of(rig, "largest difference of the picture of the floor's map")
+    Ok(Check::new(rig, "largest difference of the picture of the floor's map")
         .within((1.0 / 255.0, "1"), error(0))
         .control("the map of a wall", error(1)))
 }

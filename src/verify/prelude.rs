@@ -2,11 +2,11 @@
 
 pub use std::f64::consts::{PI, TAU};
 
-pub use crate::rig::{self, Random, Rig, Stand, noise};
+pub use crate::rig::{self, Fixture, Random, Rig, noise};
 pub use crate::statistics::*;
 pub use crate::{Case, Check, Checks, Result, VerifyError};
 pub use fathom_gpu::{GpuError, Stage, StageInfo, TimedStage, read_volume};
-pub use fathom_pipelines::Built;
+pub use fathom_pipelines::BuiltPipeline;
 pub use fathom_reference::image::{Image, pixels};
 pub use fathom_reference::optics::*;
 pub use fathom_reference::photons::{Landed, Landing, PhotonGrid, land_all};
@@ -15,8 +15,8 @@ pub use fathom_reference::surface::enter;
 pub use fathom_scene::{
     Bounds, Camera, Grid, LightKind, Mesh, Object, Optics, Scene, SceneFile, Volume, Water,
 };
-pub use fathom_stages::gbuffer::GbufferTextures;
-pub use fathom_stages::geometry::{Geometry, Part};
+pub use fathom_stages::gbuffer::GBuffer;
+pub use fathom_stages::geometry::{Geometry, Objects};
 pub use fathom_stages::ldi::peel;
 pub use fathom_stages::photon::{Photon, Photons};
 pub use fathom_stages::screen_ray::*;

@@ -8,7 +8,7 @@ use fathom_stages::refraction::{Exits, compose, surface};
 const SIZE: [u32; 2] = [160, 120];
 const LAYERS: u32 = 8;
 /// Steps of a ray at least: the pipeline's default.
-const LEAST: u32 = 8;
+const MIN_STEPS: u32 = 8;
 const EXPOSURE: f64 = 0.4;
 
 pub fn cases() -> Vec<Case> {
@@ -49,8 +49,8 @@ fn environment_radiance(direction: DVec3, irradiance: f64) -> DVec3 {
 
 fn environment(rig: &Rig<'_>) -> Result<Check> {
     const SMALL: [u32; 2] = [4, 4];
-    let stand = rig.stand(Scene { objects: Vec::new(), ..Scene::load("slab")? }, SMALL)?;
-    let gbuffer = rig.gbuffer(&stand)?;
+    let fixture = rig.fixture(Scene { objects: Vec::new(), ..Scene::load("slab")? }, SMALL)?;
+    let gbuffer = rig.gbuffer(&fixture)?;
     let mut random = Random::new(11);
     let mut shown = Vec::new();
     for _ in 0..24 {
@@ -60,7 +60,7 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
             directions: rig
                 .constant(SMALL, direction.normalize().as_vec3().extend(0.0).to_array())?,
         };
-        let stage = compose::new(rig, &stand.shared, &gbuffer, &exits, None, EXPOSURE)?;
+        let stage = compose::new(rig, &fixture.shared, &gbuffer, &exits, None, EXPOSURE)?;
         rig.run(&[&stage])?;
         let color = rig.vectors(stage.texture())?[5];
         shown.push((direction, color.map(|value| radiance_of(value, EXPOSURE))));
@@ -68,12 +68,12 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
     let error = |shifted: usize| {
         let turned = shown.iter().cycle().skip(shifted).map(|(direction, _)| *direction);
         percentile::<90>(shown.iter().zip(turned).map(|((_, color), direction)| {
-            let exact = environment_radiance(direction, stand.view.irradiance());
+            let exact = environment_radiance(direction, fixture.view.irradiance());
             color.distance(exact) / exact.length()
         }))
     };
     // Steps of an 8-bit display; a direction in 16-bit floats may fall into the next tile.
-    Ok(Check::of(rig, "90th percentile of the radiance's relative error")
+    Ok(Check::new(rig, "90th percentile of the radiance's relative error")
         .within((0.03, "1"), error(0))
         .control("each held against the next direction", error(1)))
 }
@@ -82,7 +82,7 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
 fn ball_before(index: f32) -> Result<Scene> {
     let mut scene = Scene::load("glass")?;
     let is_ball = |object: &Object| object.name == "thin glass ball";
-    scene.objects.retain(|object| is_ball(object) || Part::Opaque.holds(&object.material));
+    scene.objects.retain(|object| is_ball(object) || Objects::Opaque.holds(&object.material));
     scene.objects.sort_by_key(|object| !is_ball(object));
     let material = &mut scene.objects[0].material;
     (material.optics, material.refractive_index) = (Optics::Glass, index);
@@ -91,12 +91,12 @@ fn ball_before(index: f32) -> Result<Scene> {
 }
 
 /// Pixels that show glass, and pictures with the ball and without.
-fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Stand, Image, [Vec<DVec3>; 2])> {
-    let stand = rig.stand(ball_before(index)?, SIZE)?;
-    let Stand { shared, geometry, scene, .. } = &stand;
-    let gbuffer = rig.gbuffer(&stand)?;
-    let peel = peel::new(rig, shared, scene, (geometry, Part::Glass), SIZE, LAYERS)?;
-    let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
+fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Vec<DVec3>; 2])> {
+    let fixture = rig.fixture(ball_before(index)?, SIZE)?;
+    let Fixture { shared, geometry, scene, .. } = &fixture;
+    let gbuffer = rig.gbuffer(&fixture)?;
+    let peel = peel::new(rig, shared, scene, (geometry, Objects::Glass), SIZE, LAYERS)?;
+    let walk = walk_uniforms(&peel, scene.solid_bounds(), MIN_STEPS);
     let trace = trace::new(rig, shared, &peel, &walk, (2, None))?;
     rig.run(&[&peel, &trace])?;
     let none = rig.constant(SIZE, [0.0; 4])?;
@@ -107,9 +107,9 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Stand, Image, [Vec<DVec3>;
         rig.run(&[&stage])?;
         rig.vectors(stage.texture())
     };
-    let pictures = [picture(&trace.left)?, picture(&none)?];
+    let pictures = [picture(&trace.output)?, picture(&none)?];
     let glass = rig.channel(&trace.positions, 3)?;
-    Ok((stand, glass, pictures))
+    Ok((fixture, glass, pictures))
 }
 
 fn opaque_through_glass(rig: &Rig<'_>) -> Checks {
@@ -119,18 +119,20 @@ fn opaque_through_glass(rig: &Rig<'_>) -> Checks {
         share(glass.iter().zip(plain).map(|(glass, plain)| differ(*glass, *plain)))
     };
     let (_, _, straight) = through_ball(rig, 1.0)?;
-    let (stand, glass, bent) = through_ball(rig, 1.4)?;
-    let objects = &stand.scene.objects;
-    let surfaces = Surfaces { tracer: &stand.tracer, objects, outside: 1.0, top_m: f64::INFINITY };
+    let (fixture, glass, bent) = through_ball(rig, 1.4)?;
+    let objects = &fixture.scene.objects;
+    let surfaces =
+        Surfaces { tracer: &fixture.tracer, objects, outside: 1.0, top_m: f64::INFINITY };
     let tracer = Tracer::new(&objects[1..]);
     // Of the rays that meet what the camera sees.
     let wrong = |is_straight: bool| {
-        share(pixels(SIZE).filter(|at| glass.at(*at) > 0.0).filter_map(|(x, y)| {
-            let (eye, sight, _) = stand.rays.ray(x, y);
-            let Ray { origin, direction, .. } = surfaces.behind(surfaces.sight(eye, sight), 2)?;
+        share(pixels(SIZE).filter(|at| glass.get(*at) > 0.0).filter_map(|(x, y)| {
+            let (eye, sight, _) = fixture.rays.ray(x, y);
+            let Ray { origin, direction, .. } =
+                surfaces.ray_behind(surfaces.sight(eye, sight), 2)?;
             let end = tracer.cast(origin, direction, 1e-6, f64::MAX)?.position;
             let seen = tracer.cast(eye, (end - eye).normalize(), 0.0, f64::MAX)?;
-            let at = stand.rays.project(end).filter(|_| stand.in_view(end))?;
+            let at = fixture.rays.project(end).filter(|_| fixture.in_view(end))?;
             let pixel = |x: u32, y: u32| y as usize * SIZE[0] as usize + x as usize;
             let own = pixel(x, y);
             let expected =
@@ -138,7 +140,7 @@ fn opaque_through_glass(rig: &Rig<'_>) -> Checks {
             (seen.position.distance(end) < 1e-2).then(|| differ(bent[0][own], expected))
         }))
     };
-    let of = |what: &str| Check::of(rig, format!("opaque objects through glass: {what}"));
+    let of = |what: &str| Check::new(rig, format!("opaque objects through glass: {what}"));
     Ok(vec![
         of("share of pixels that index 1 changes")
             .within((0.0, "1"), changed(&straight))
@@ -165,50 +167,50 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     scene.water.amplitude_m = 0.03;
     // Low, so that the sun is out of view: its lobe turns the least error of a normal into a large one.
     scene.light.direction = [0.9, -0.4, 0.6];
-    let stand = rig.stand(scene, SIZE)?;
-    let Stand { scene, shared, geometry, .. } = &stand;
-    let peel = peel::new(rig, shared, scene, (geometry, Part::Opaque), SIZE, 1)?;
+    let fixture = rig.fixture(scene, SIZE)?;
+    let Fixture { scene, shared, geometry, .. } = &fixture;
+    let peel = peel::new(rig, shared, scene, (geometry, Objects::Opaque), SIZE, 1)?;
     rig.run(&[&peel])?;
-    let image = Image::of(SIZE, |x, y| gradient(f64::from(x) + 0.5, f64::from(y) + 0.5));
-    let dry = surface::Dry {
+    let image = Image::from_fn(SIZE, |x, y| gradient(f64::from(x) + 0.5, f64::from(y) + 0.5));
+    let dry = surface::DryView {
         layers: &peel,
-        depth: &rig.gbuffer(&stand)?.depth,
+        depth: &rig.gbuffer(&fixture)?.depth,
         radiance: &rig.grey(&image),
     };
-    let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
+    let walk = walk_uniforms(&peel, scene.solid_bounds(), MIN_STEPS);
     let bound_m = scene.water.bound_m();
     let stage = surface::new(rig, shared, &dry, &walk, bound_m, None, EXPOSURE)?;
-    let shown = rig.drawn(&[&stage], stage.texture(), RED)?;
+    let shown = rig.draw(&[&stage], stage.texture(), RED)?;
     let seen = pixels(SIZE).filter(|(x, y)| x % 4 == 1 && y % 4 == 1);
-    let met: Vec<_> = seen.map(|at| (at, meet(&stand, at))).collect();
+    let met: Vec<_> = seen.map(|at| (at, meet(&fixture, at))).collect();
     let error = |index: f64| {
-        let water = Wet { stand: &stand, index };
+        let water = WetFloor { fixture: &fixture, index };
         percentile::<75>(met.iter().filter_map(|&(at, met)| {
-            let exact = water.seen(at, met)?;
-            Some((radiance_of(shown.at(at), EXPOSURE) - exact).abs() / exact)
+            let exact = water.radiance(at, met)?;
+            Some((radiance_of(shown.get(at), EXPOSURE) - exact).abs() / exact)
         }))
     };
     let index = scene.water.refractive_index;
     let side = if above { "above" } else { "below" };
     // Steps of an 8-bit display, and of the noise texture that makes the waves.
-    Ok(Check::of(rig, format!("from {side}: 75th percentile of the relative error"))
+    Ok(Check::new(rig, format!("from {side}: 75th percentile of the relative error"))
         .within((0.02, "1"), error(index))
         .control("index 10 % higher", error(1.1 * index)))
 }
 
 /// Where a line of sight meets the surface before the floor: the place, the normal there, and its distance; and that of the floor.
-type Met = (Option<(DVec3, DVec3, f64)>, Option<f64>);
+type SightHits = (Option<(DVec3, DVec3, f64)>, Option<f64>);
 
 /// By small steps and bisection.
-fn meet(stand: &Stand, (x, y): (u32, u32)) -> Met {
-    let (water, origin) = (&stand.scene.water, stand.scene.camera.position());
-    let (_, sight, _) = stand.rays.ray(x, y);
-    let floor_m = stand.tracer.cast(origin, sight, 0.0, f64::MAX).map(|hit| hit.distance_m);
+fn meet(fixture: &Fixture, (x, y): (u32, u32)) -> SightHits {
+    let (water, origin) = (&fixture.scene.water, fixture.scene.camera.position());
+    let (_, sight, _) = fixture.rays.ray(x, y);
+    let floor_m = fixture.tracer.cast(origin, sight, 0.0, f64::MAX).map(|hit| hit.distance_m);
     let above = |t: f64| {
         let p = origin + sight * t;
         p.y > water.height(p.x, p.z)
     };
-    let far_m = floor_m.unwrap_or(stand.scene.camera.z_far_m);
+    let far_m = floor_m.unwrap_or(fixture.scene.camera.z_far_m);
     let (mut a, step) = (0.0, 5e-3);
     while a < far_m && above(a) == above(a + step) {
         a += step;
@@ -226,16 +228,16 @@ fn meet(stand: &Stand, (x, y): (u32, u32)) -> Met {
 }
 
 /// What is seen of a floor through water, in red.
-struct Wet<'a> {
-    stand: &'a Stand,
+struct WetFloor<'a> {
+    fixture: &'a Fixture,
     index: f64,
 }
 
-impl Wet<'_> {
+impl WetFloor<'_> {
     /// None where a line of sight ends at the border of the view.
-    fn seen(&self, (x, y): (u32, u32), (met, floor_m): Met) -> Option<f64> {
-        let (_, sight, _) = self.stand.rays.ray(x, y);
-        let origin = self.stand.scene.camera.position();
+    fn radiance(&self, (x, y): (u32, u32), (met, floor_m): SightHits) -> Option<f64> {
+        let (_, sight, _) = self.fixture.rays.ray(x, y);
+        let origin = self.fixture.scene.camera.position();
         let under = origin.y < 0.0;
         let shown = gradient(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let Some((entry, normal, way_m)) = met else {
@@ -246,7 +248,7 @@ impl Wet<'_> {
         // What ends out of view is taken from straight behind the surface.
         let straight = match floor_m {
             Some(floor_m) => self.fogged(shown, floor_m - way_m),
-            None => self.fogged(0.0, self.stand.scene.camera.z_far_m),
+            None => self.fogged(0.0, self.fixture.scene.camera.z_far_m),
         };
         let reflected = fresnel_reflectance(sight.dot(normal).abs(), before, behind);
         let mirrored = sight - 2.0 * sight.dot(normal) * normal;
@@ -264,8 +266,8 @@ impl Wet<'_> {
         if direction.y > 0.0 {
             return Some(self.sky(direction));
         }
-        let hit = self.stand.tracer.cast(place, direction, 0.0, f64::MAX);
-        let seen = hit.and_then(|hit| Some((hit, self.stand.rays.project(hit.position)?)));
+        let hit = self.fixture.tracer.cast(place, direction, 0.0, f64::MAX);
+        let seen = hit.and_then(|hit| Some((hit, self.fixture.rays.project(hit.position)?)));
         let inside = |at: &Projected, margin: f64| {
             let within = |at: f64, side: u32| (-margin..f64::from(side) + margin).contains(&at);
             within(at.x_px, SIZE[0]) && within(at.y_px, SIZE[1])
@@ -280,15 +282,15 @@ impl Wet<'_> {
 
     /// `shaders/shared/shading.wgsl`: Beer's law, and the water's own colour in red.
     fn fogged(&self, radiance: f64, path_m: f64) -> f64 {
-        let t = transmittance(self.stand.scene.water.attenuation_per_m, path_m);
-        radiance * t + 0.004 * self.stand.view.irradiance() / PI * (1.0 - t)
+        let t = transmittance(self.fixture.scene.water.attenuation_per_m, path_m);
+        radiance * t + 0.004 * self.fixture.view.irradiance() / PI * (1.0 - t)
     }
 
     /// The same: a gradient in red, and the sun.
     fn sky(&self, direction: DVec3) -> f64 {
-        let forward = self.stand.view.light_frame().forward;
+        let forward = self.fixture.view.light_frame().forward;
         let up = direction.y.clamp(0.0, 1.0).sqrt();
         let sun = 20.0 * direction.dot(-forward).max(0.0).powf(600.0);
-        self.stand.view.irradiance() / PI * ((0.45 + (0.14 - 0.45) * up) * 0.5 + sun)
+        self.fixture.view.irradiance() / PI * ((0.45 + (0.14 - 0.45) * up) * 0.5 + sun)
     }
 }

@@ -9,13 +9,13 @@ use fathom_gpu::{
     ColorTarget, DepthTarget, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
     read_texture,
 };
-use fathom_pipelines::{Built, Drawing, caustics_image};
+use fathom_pipelines::{BuiltPipeline, PipelineInstance, caustics_image};
 use fathom_reference::image::Image;
 use fathom_reference::optics::transmittance;
 use fathom_reference::photons::place_in_grid;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene};
-use fathom_stages::gbuffer::GbufferTextures;
+use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
@@ -41,7 +41,7 @@ impl<'g> Deref for Rig<'g> {
 }
 
 /// A scene, what its stages share, and what is exact in it.
-pub struct Stand {
+pub struct Fixture {
     pub scene: Scene,
     pub view: View,
     pub shared: Shared,
@@ -51,7 +51,7 @@ pub struct Stand {
     pub rays: PixelRays,
 }
 
-impl Stand {
+impl Fixture {
     /// What a pixel shows exactly.
     pub fn hit(&self, (x, y): (u32, u32)) -> Option<Hit> {
         Some(self.rays.cast(&self.tracer, x, y)?.0)
@@ -91,9 +91,9 @@ impl<'g> Rig<'g> {
     }
 
     /// Runs a pipeline's stages up to and including one.
-    pub fn run_until<P: Drawing + ?Sized>(
+    pub fn run_until<P: PipelineInstance + ?Sized>(
         &self,
-        pipeline: &Built<P>,
+        pipeline: &BuiltPipeline<P>,
         last: &str,
     ) -> Result<(), GpuError> {
         let stages = pipeline.stages();
@@ -101,9 +101,9 @@ impl<'g> Rig<'g> {
         self.gpu.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
     }
 
-    pub fn stand(&self, scene: Scene, size_px: [u32; 2]) -> Result<Stand> {
+    pub fn fixture(&self, scene: Scene, size_px: [u32; 2]) -> Result<Fixture> {
         let view = view(&scene, size_px);
-        Ok(Stand {
+        Ok(Fixture {
             shared: Shared::new(self, &view),
             geometry: Geometry::new(self, &scene),
             tracer: Tracer::new(&scene.objects),
@@ -119,7 +119,7 @@ impl<'g> Rig<'g> {
         size_px: [u32; 2],
         walls_m: [f64; 2],
         normals: [DVec3; 2],
-    ) -> Result<(Stand, f64)> {
+    ) -> Result<(Fixture, f64)> {
         let mut scene = flat_plane(LightKind::Directional)?;
         scene.camera = Camera::new([0.0; 3], [0.0, 0.0, -1.0], 40.0, [0.1, 20.0]);
         let wall = |wall: usize| {
@@ -129,21 +129,21 @@ impl<'g> Rig<'g> {
             Object::new("wall", mesh)
         };
         scene.objects = [0, 1].map(wall).into();
-        let stand = self.stand(scene, size_px)?;
-        let depth = depth_ahead(&stand.view, 0.5 * (walls_m[0] + walls_m[1]));
-        Ok((stand, depth))
+        let fixture = self.fixture(scene, size_px)?;
+        let depth = depth_ahead(&fixture.view, 0.5 * (walls_m[0] + walls_m[1]));
+        Ok((fixture, depth))
     }
 
     /// The scene's G-buffer, drawn.
-    pub fn gbuffer(&self, stand: &Stand) -> Result<GbufferTextures> {
-        let Stand { view, shared, geometry, .. } = stand;
+    pub fn gbuffer(&self, fixture: &Fixture) -> Result<GBuffer> {
+        let Fixture { view, shared, geometry, .. } = fixture;
         let gbuffer = gbuffer::new(self, shared, geometry, view.size_px.to_array())?;
         self.run(&[&gbuffer])?;
-        Ok(gbuffer.left)
+        Ok(gbuffer.output)
     }
 
     /// One channel of what a stage draws, as the last of some.
-    pub fn drawn(
+    pub fn draw(
         &self,
         stages: &[&dyn TimedStage],
         target: &wgpu::Texture,
@@ -203,11 +203,11 @@ impl<'g> Rig<'g> {
     /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
     pub fn constant(&self, size: [u32; 2], color: [f32; 4]) -> Result<wgpu::Texture, GpuError> {
         let [r, g, b, a] = color.map(f64::from);
-        self.filled(size, wgpu::TextureFormat::Rgba16Float, wgpu::Color { r, g, b, a })
+        self.constant_texture(size, wgpu::TextureFormat::Rgba16Float, wgpu::Color { r, g, b, a })
     }
 
     /// A texture of a format that is of one colour throughout.
-    pub fn filled(
+    pub fn constant_texture(
         &self,
         size: [u32; 2],
         format: wgpu::TextureFormat,
@@ -278,7 +278,7 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
         water: scene.water.clone(),
         bounds: scene.bounds,
         size_px: UVec2::from(size_px),
-        edge_m: 0.1 * scene.solid_bounds().times_tank(),
+        edge_m: 0.1 * scene.solid_bounds().tank_scale(),
         photon_reach: DVec2::ZERO,
         photons_fitted: true,
     }
@@ -349,7 +349,7 @@ pub use crate::statistics::{largest, mean};
 /// Repeatable noise in 0…1, as f32 holds it.
 pub fn noise(size: [u32; 2], seed: u32) -> Image {
     let mut random = Random::new(seed);
-    Image::of(size, |_, _| f64::from(random.number() as f32))
+    Image::from_fn(size, |_, _| f64::from(random.number() as f32))
 }
 
 /// The mean of an image whose pixels count by repeatable weights: it shows what a mean would not, light that is elsewhere.

@@ -1,7 +1,7 @@
 //! `transfer/shadow` and `shadow/compose`: which pixels' rays start, and the picture that rays make.
 
 use crate::prelude::*;
-use fathom_pipelines::shadow_rays::{light_m, to_light};
+use fathom_pipelines::shadow_rays::{direction_to_light, light_m};
 use fathom_stages::photon::OUTSIDE;
 use fathom_stages::shadow::compose;
 use fathom_stages::transfer::shadow;
@@ -16,44 +16,44 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Scene ball seen by a turned camera, under a light at a slant.
-struct Seen {
-    stand: Stand,
+struct ShadowScene {
+    fixture: Fixture,
     /// What each pixel shows exactly, row by row.
     hits: Vec<Option<Hit>>,
     /// The way of a directional light.
     sun: DVec3,
 }
 
-impl Seen {
-    fn new(rig: &Rig<'_>, kind: LightKind) -> Result<Seen> {
+impl ShadowScene {
+    fn new(rig: &Rig<'_>, kind: LightKind) -> Result<ShadowScene> {
         let mut scene = Scene::load("ball")?;
         scene.objects[0].material.receiver = true;
         scene.camera.up = [0.2, 1.0, 0.1];
         scene.light.kind = kind;
         scene.light.position_m = [2.5, 1.0, 1.5];
-        let stand = rig.stand(scene, SIZE)?;
-        let hits = pixels(SIZE).map(|at| stand.hit(at)).collect();
-        let sun = stand.view.light_frame().forward;
-        Ok(Seen { stand, hits, sun })
+        let fixture = rig.fixture(scene, SIZE)?;
+        let hits = pixels(SIZE).map(|at| fixture.hit(at)).collect();
+        let sun = fixture.view.light_frame().forward;
+        Ok(ShadowScene { fixture, hits, sun })
     }
 
     fn to_light(&self, place: DVec3) -> DVec3 {
-        to_light(&self.stand.view, self.sun, place)
+        direction_to_light(&self.fixture.view, self.sun, place)
     }
 
     fn light_m(&self, place: DVec3) -> f64 {
-        light_m(&self.stand.view, place)
+        light_m(&self.fixture.view, place)
     }
 }
 
 /// Rays start where pixels show what faces the light, of all objects or of receivers alone.
 fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
-    let seen = Seen::new(rig, kind)?;
-    let opaque = (&seen.stand.geometry, Part::Opaque);
-    let peel = peel::new(rig, &seen.stand.shared, &seen.stand.scene, opaque, SIZE, 1)?;
+    let seen = ShadowScene::new(rig, kind)?;
+    let opaque = (&seen.fixture.geometry, Objects::Opaque);
+    let peel = peel::new(rig, &seen.fixture.shared, &seen.fixture.scene, opaque, SIZE, 1)?;
     rig.run(&[&peel])?;
     let started = |receivers: bool| -> Result<Vec<bool>> {
-        let stage = shadow::new(rig, &seen.stand.shared, &peel, receivers)?;
+        let stage = shadow::new(rig, &seen.fixture.shared, &peel, receivers)?;
         rig.run(&[&stage])?;
         let rays: Vec<Transfer> = rig.read(&stage.buffer)?;
         Ok(rays.iter().map(|ray| ray.state != NEVER).collect())
@@ -76,10 +76,10 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
         }))
     };
     Ok(vec![
-        Check::of(rig, format!("{kind:?}: share of pixels that face the light wrongly"))
+        Check::new(rig, format!("{kind:?}: share of pixels that face the light wrongly"))
             .within((0.01, "1"), facing(1.0))
             .control("normals reversed", facing(-1.0)),
-        Check::of(rig, format!("{kind:?}: share of pixels unlike those that show the receiver"))
+        Check::new(rig, format!("{kind:?}: share of pixels unlike those that show the receiver"))
             .within((0.01, "1"), unlike(0))
             .control("another object's", unlike(1)),
     ])
@@ -90,7 +90,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     const EXPOSURE: f64 = 0.4;
     const SKY_SHARE: f64 = 0.15;
     const GREEN: usize = 1;
-    let seen = Seen::new(rig, kind)?;
+    let seen = ShadowScene::new(rig, kind)?;
     // Every third pixel's ray ends half way to the light, every third behind a point light, every third nowhere.
     let photon = |(number, hit): (usize, &Option<Hit>)| {
         let place = hit.map_or(DVec3::ZERO, |hit| hit.position);
@@ -100,11 +100,11 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
         if number % 3 == 2 { Photon { fate: OUTSIDE, ..end } } else { end }
     };
     let photons: Vec<Photon> = seen.hits.iter().enumerate().map(photon).collect();
-    let (photons, gbuffer) = (rig.photons(&photons), rig.gbuffer(&seen.stand)?);
-    let stage = compose::new(rig, &seen.stand.shared, &gbuffer, &photons, EXPOSURE)?;
-    let shown = rig.drawn(&[&stage], stage.texture(), GREEN)?;
+    let (photons, gbuffer) = (rig.photons(&photons), rig.gbuffer(&seen.fixture)?);
+    let stage = compose::new(rig, &seen.fixture.shared, &gbuffer, &photons, EXPOSURE)?;
+    let shown = rig.draw(&[&stage], stage.texture(), GREEN)?;
     let albedo = rig.channel(&gbuffer.albedo, GREEN)?;
-    let light = seen.stand.view.irradiance();
+    let light = seen.fixture.view.irradiance();
     let in_shadow = |number: usize| match number % 3 {
         0 => true,
         1 => kind == LightKind::Directional,
@@ -122,7 +122,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
         }))
     };
     // Steps of an 8-bit display, and of the normals' 16-bit floats.
-    Ok(Check::of(rig, format!("{kind:?}: 90th percentile of the radiance's relative error"))
+    Ok(Check::new(rig, format!("{kind:?}: 90th percentile of the radiance's relative error"))
         .within((0.07, "1"), error(0))
         .control("shadows moved by a pixel", error(1)))
 }

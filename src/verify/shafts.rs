@@ -1,11 +1,11 @@
 //! `shafts/lines` and `shafts/blur` against lines and Gaussians in f64.
 
-use super::lines::Segment;
+use super::lines::ScreenSegment;
 use crate::prelude::*;
 use fathom_stages::Column;
 use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
-use fathom_stages::splatting::Sums;
+use fathom_stages::splatting::SplatSums;
 
 const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
@@ -25,21 +25,21 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// A line by its ends in the world, and on the screen.
-struct Line {
+struct ShaftLine {
     ends_m: [DVec3; 2],
-    segment: Segment,
+    segment: ScreenSegment,
 }
 
-impl Line {
+impl ShaftLine {
     /// In view, in any direction.
-    fn random(random: &mut Random, rays: &PixelRays) -> Option<Line> {
+    fn random(random: &mut Random, rays: &PixelRays) -> Option<ShaftLine> {
         let mut end = || {
             let [x, y] = SIZE.map(|side| random.within(0.1, 0.9) * f64::from(side));
             let (origin, direction, _) = rays.ray_at(x, y);
             origin + direction * random.within(2.0, 9.0)
         };
         let ends_m = [end(), end()];
-        Some(Line { ends_m, segment: Segment::new(ends_m, rays)? })
+        Some(ShaftLine { ends_m, segment: ScreenSegment::new(ends_m, rays)? })
     }
 
     /// The axis along which it is longest, and its extent there.
@@ -61,7 +61,7 @@ impl Line {
     }
 
     /// Its intensity at the middle of a pixel, seen from `eye`; of the way to it only the part below y = 0 is in the water.
-    fn at(&self, pixel: (u32, u32), gamma_per_m: f64, eye: DVec3) -> f64 {
+    fn intensity(&self, pixel: (u32, u32), gamma_per_m: f64, eye: DVec3) -> f64 {
         let [start, end] = self.ends_m;
         let place = start.lerp(end, self.share_at(pixel));
         PHOTON_W * transmittance(gamma_per_m, start.distance(place) + wet_m(place, eye))
@@ -69,21 +69,22 @@ impl Line {
 }
 
 /// A line, and its pixels with what they show.
-type Drawn = (Line, Vec<((u32, u32), f64)>);
+type LinePixels = (ShaftLine, Vec<((u32, u32), f64)>);
 
 /// Random lines one after the other, each drawn over a depth.
-fn drawn(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<Drawn>> {
+fn draw_lines(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<LinePixels>> {
     let (shared, rays) = (Shared::new(rig, view), rig::rays(view));
     let depth = rig.depth(SIZE, depth)?;
     let mut random = Random::new(seed);
-    let lines: Vec<Line> = (0..LINES).filter_map(|_| Line::random(&mut random, &rays)).collect();
-    let draw = |line: Line| {
+    let lines: Vec<ShaftLine> =
+        (0..LINES).filter_map(|_| ShaftLine::random(&mut random, &rays)).collect();
+    let draw = |line: ShaftLine| {
         let [start, end] = line.ends_m;
         let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
         let inputs = (&photons, &rig.ones(photons.count));
         let stage = lines::new(rig, &shared, inputs, &depth, PHOTON_W, 1.0)?;
-        let image = rig.drawn(&[&stage], &stage.texture, 0)?;
-        let lit = pixels(SIZE).map(|at| (at, image.at(at))).filter(|(_, value)| *value > 0.0);
+        let image = rig.draw(&[&stage], &stage.texture, 0)?;
+        let lit = pixels(SIZE).map(|at| (at, image.get(at))).filter(|(_, value)| *value > 0.0);
         Ok((line, lit.collect()))
     };
     lines.into_iter().map(draw).collect()
@@ -103,12 +104,13 @@ fn single_lines(rig: &Rig<'_>, eye_m: f64) -> Checks {
     let mut view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     view.camera.position_m[1] = eye_m;
     view.camera.target_m[1] = eye_m;
-    let lines = drawn(rig, &view, 3, 1.0)?;
+    let lines = draw_lines(rig, &view, 3, 1.0)?;
     let eye = view.camera.position();
     let error = |gamma_per_m: f64| {
         percentile::<90>(lines.iter().flat_map(|(line, lit)| {
-            lit.iter()
-                .map(move |(at, value)| relative_error(*value, line.at(*at, gamma_per_m, eye)))
+            lit.iter().map(move |(at, value)| {
+                relative_error(*value, line.intensity(*at, gamma_per_m, eye))
+            })
         }))
     };
     // A driver draws rectangles a pixel wide, or a pixel for each step along the longer axis: Vulkan leaves both. A slanted rectangle holds
@@ -122,10 +124,10 @@ fn single_lines(rig: &Rig<'_>, eye_m: f64) -> Checks {
     };
     Ok(vec![
         // Where within its pixel a line is evaluated is left to the driver: the way changes by some centimetres.
-        Check::of(rig, "90th percentile of the intensity's relative error")
+        Check::new(rig, "90th percentile of the intensity's relative error")
             .within((0.01, "1"), error(GAMMA_PER_M))
             .control("attenuation 10 % higher", error(1.1 * GAMMA_PER_M)),
-        Check::of(rig, "pixels fewer than the steps or more than the length of a line, at most")
+        Check::new(rig, "pixels fewer than the steps or more than the length of a line, at most")
             .within((6.0, "px"), off(0.0))
             .control("lines 30 px longer", off(30.0)),
         hidden(rig, &view)?,
@@ -135,8 +137,8 @@ fn single_lines(rig: &Rig<'_>, eye_m: f64) -> Checks {
 /// Lines behind a wall across the view are hidden, pixel by pixel.
 fn hidden(rig: &Rig<'_>, view: &View) -> Result<Check> {
     const WALL_M: f64 = 5.0;
-    let before_wall = drawn(rig, view, 11, rig::depth_ahead(view, WALL_M))?;
-    let open = drawn(rig, view, 11, 1.0)?;
+    let before_wall = draw_lines(rig, view, 11, rig::depth_ahead(view, WALL_M))?;
+    let open = draw_lines(rig, view, 11, 1.0)?;
     // Of each pixel of a line: whether it is drawn before the wall, and its view depth.
     let found: Vec<(bool, f64)> = open
         .iter()
@@ -149,7 +151,7 @@ fn hidden(rig: &Rig<'_>, view: &View) -> Result<Check> {
     let wrong =
         |wall_m: f64| share(found.iter().map(|(shown, view_m)| *shown != (*view_m <= wall_m)));
     // Where a line meets the wall, a pixel may fall to either side.
-    Ok(Check::of(rig, "share of pixels shown behind a wall or hidden before it")
+    Ok(Check::new(rig, "share of pixels shown behind a wall or hidden before it")
         .within((0.03, "1"), wrong(WALL_M))
         .control("the wall a metre farther", wrong(WALL_M + 1.0)))
 }
@@ -158,15 +160,15 @@ fn gaussian(rig: &Rig<'_>, sigma_px: f64) -> Result<Check> {
     let source = noise(SIZE, 9);
     let stage = blur::new(
         rig,
-        &Sums { texture: rig.grey(&source), column: Column::new("noise", "1", "noise") },
+        &SplatSums { texture: rig.grey(&source), column: Column::new("noise", "1", "noise") },
         sigma_px,
     )?;
-    let blurred = rig.drawn(&[&stage], stage.texture(), 0)?;
+    let blurred = rig.draw(&[&stage], stage.texture(), 0)?;
     let error = |sigma_px: f64| {
         let exact = twin(&twin(&source, sigma_px, [1, 0]), sigma_px, [0, 1]);
         apart(&blurred, &exact) / source.mean()
     };
-    Ok(Check::of(rig, format!("σ = {sigma_px} px: largest difference from the twin, of the mean"))
+    Ok(Check::new(rig, format!("σ = {sigma_px} px: largest difference from the twin, of the mean"))
         .within((1e-5, "1"), error(sigma_px))
         .control("a kernel 2 % wider", error(1.02 * sigma_px)))
 }
@@ -176,7 +178,7 @@ fn twin(source: &Image, sigma_px: f64, along: [i64; 2]) -> Image {
     let reach = (3.0 * sigma_px).ceil() as i64;
     let weight = |k: i64| (-0.5 * (k as f64 / sigma_px).powi(2)).exp();
     let weights: f64 = (-reach..=reach).map(weight).sum();
-    Image::of(source.size(), |x, y| {
+    Image::from_fn(source.size(), |x, y| {
         let tap = |k: i64| {
             weight(k) * source.clamped(i64::from(x) + k * along[0], i64::from(y) + k * along[1])
         };

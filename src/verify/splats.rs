@@ -1,8 +1,8 @@
 //! `caustics/splat`: size, intensity, depth test and energy of splats against the f64 twin, by compute and by the rasterizer.
 
 use crate::prelude::*;
-use fathom_pipelines::underwater::{Intensity as Rule, Params, Splatting, Underwater};
-use fathom_reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
+use fathom_pipelines::underwater::{IntensityRule as Rule, Params, Splatting, Underwater};
+use fathom_reference::splat::{Intensity, Splat, SplatSize, rasterize, splat_value};
 use fathom_stages::caustics::splat::{self, SplatCoverage, SplatStyle, SplatUniforms};
 
 const STAGE: &str = "caustics/splat";
@@ -95,16 +95,16 @@ impl Rules {
     }
 
     /// Splats of photons seen by a camera, in pixels of a buffer.
-    fn splats(&self, camera: &Camera, photons: &[Twin]) -> Result<Vec<Splat>> {
+    fn splats(&self, camera: &Camera, photons: &[HitPath]) -> Result<Vec<Splat>> {
         let eye = camera.position();
         let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
         let [min_px, max_px] = self.sizes_px;
-        let size = PointSize::new(min_px, max_px, camera.z_near_m, camera.z_far_m);
-        let splat = |(hit, path_m): &Twin| {
+        let size = SplatSize::new(min_px, max_px, camera.z_near_m, camera.z_far_m);
+        let splat = |(hit, path_m): &HitPath| {
             let center = rays.project(*hit)?;
             let distance_m = hit.distance(eye);
             let biased = *hit + (eye - *hit) * (self.bias_m / distance_m);
-            let size_px = size.at(distance_m);
+            let size_px = size.size_px(distance_m);
             let Self { intensity, photon_w, gamma_per_m, .. } = *self;
             Some(Splat {
                 center_px: [center.x_px, center.y_px],
@@ -127,12 +127,12 @@ impl Rules {
     }
 
     /// This tolerance, where a value in the buffer is known to it.
-    fn exact_to(&self, rig: &Rig<'_>, tolerance: f64) -> f64 {
+    fn tolerance_for(&self, rig: &Rig<'_>, tolerance: f64) -> f64 {
         if self.is_short(rig) { rig::SHORT_STEP } else { tolerance }
     }
 
     /// What these splats add up to, before what is seen at this depth.
-    fn twin(&self, camera: &Camera, photons: &[Twin], depth: &Image) -> Result<Image> {
+    fn twin(&self, camera: &Camera, photons: &[HitPath], depth: &Image) -> Result<Image> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
         rasterize(&mut twin, &self.splats(camera, photons)?, depth, 0.0);
         Ok(twin)
@@ -140,7 +140,7 @@ impl Rules {
 }
 
 /// Where a photon has landed, and its path under water: the f64 values of the GPU's rounded numbers.
-type Twin = (DVec3, f64);
+type HitPath = (DVec3, f64);
 
 /// Runs the stage over photons with nothing to hide them.
 pub fn draw_free(rig: &Rig<'_>, view: &View, of: &[Photon], rules: &Rules) -> Result<Image> {
@@ -157,14 +157,14 @@ fn draw(
 ) -> Result<Image> {
     let shared = Shared::new(rig, view);
     let [min_px, max_px] = rules.sizes_px;
-    let size = PointSize::new(min_px, max_px, view.camera.z_near_m, view.camera.z_far_m);
+    let size = SplatSize::new(min_px, max_px, view.camera.z_near_m, view.camera.z_far_m);
     // a and b of the size rule from two of its values: s = a + b / d.
-    let b = (size.at(1.0) - size.at(2.0)) * 2.0;
+    let b = (size.size_px(1.0) - size.size_px(2.0)) * 2.0;
     let most = [max_px, min_px]
         .map(|side_px| splat_value(rules.intensity, rules.photon_w, 0.0, 0.0, side_px));
     let settings = SplatUniforms {
         size_px: UVec2::from(SIZE).as_vec2(),
-        size_a_px: (size.at(1.0) - b) as f32,
+        size_a_px: (size.size_px(1.0) - b) as f32,
         size_b_px_m: b as f32,
         photon_w: rules.photon_w as f32,
         depth_bias_m: rules.bias_m as f32,
@@ -180,11 +180,11 @@ fn draw(
         Splatting::Raster => splat::raster(rig, &shared, inputs, &settings, style)?,
     };
     // Twice: a frame must not add to the one before.
-    rig.drawn(&[&stage, &stage], &stage.texture, 0)
+    rig.draw(&[&stage, &stage], &stage.texture, 0)
 }
 
 /// A photon on the ray through a point of a view.
-pub fn photon_at(view: &View, at_px: [f64; 2], distance_m: f64, path_m: f64) -> (Photon, Twin) {
+pub fn photon_at(view: &View, at_px: [f64; 2], distance_m: f64, path_m: f64) -> (Photon, HitPath) {
     let (_, direction, _) = rig::rays(view).ray_at(at_px[0], at_px[1]);
     let hit = view.camera.position() + direction * distance_m;
     let photon = rig::photon(hit + DVec3::Y * path_m, hit, path_m);
@@ -192,7 +192,7 @@ pub fn photon_at(view: &View, at_px: [f64; 2], distance_m: f64, path_m: f64) -> 
 }
 
 /// A photon at a distance between the nearest and the farthest, evenly in its logarithm.
-fn photon_between(view: &View, at_px: [f64; 2], share: f64, path_m: f64) -> (Photon, Twin) {
+fn photon_between(view: &View, at_px: [f64; 2], share: f64, path_m: f64) -> (Photon, HitPath) {
     photon_at(view, at_px, NEAREST_M * (FARTHEST_M / NEAREST_M).powf(share), path_m)
 }
 
@@ -234,17 +234,17 @@ fn isolated(rig: &Rig<'_>, rules: Rules) -> Checks {
     let wide = Rules { sizes_px: [MIN_PX, MAX_PX * 1.25], ..rules };
     let what = |of| format!("isolated splats, {}: {of}", name(rules.splatting));
     Ok(vec![
-        Check::of(rig, what("covered pixels unlike the twin's, of all covered"))
+        Check::new(rig, what("covered pixels unlike the twin's, of all covered"))
             .within((COVERAGE, "1"), coverage_error(&rules)?)
             .control("s_max 25 px", coverage_error(&wide)?),
-        Check::of(rig, what("largest relative error of intensity"))
-            .within((rules.exact_to(rig, 1e-4), "1"), center_error(&rules)?)
+        Check::new(rig, what("largest relative error of intensity"))
+            .within((rules.tolerance_for(rig, 1e-4), "1"), center_error(&rules)?)
             .control(MURKIER, center_error(&rules.murkier())?),
     ])
 }
 
 /// Photons strewn over the view, all of their splats within the buffer.
-fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<Twin>) {
+fn scatter(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<HitPath>) {
     let mut random = Random::new(23);
     (0..count)
         .map(|_| {
@@ -258,15 +258,15 @@ fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<Twin>) {
 /// Sum over the buffer against `Σ I exp(−γ d)`.
 fn conserved(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
-    let (photons, twins) = strewn(&view, 4096, NEAREST_M);
+    let (photons, twins) = scatter(&view, 4096, NEAREST_M);
     let rules = Rules { intensity: Intensity::Conserving, ..rules };
     let sum = draw_free(rig, &view, &photons, &rules)?.sum();
     let error = |rules: Rules| {
-        let left = |(_, path_m): &Twin| transmittance(rules.gamma_per_m, *path_m);
+        let left = |(_, path_m): &HitPath| transmittance(rules.gamma_per_m, *path_m);
         relative_error(sum, twins.iter().map(|twin| PHOTON_W * left(twin)).sum())
     };
     let drawn_by = name(rules.splatting);
-    Ok(Check::of(rig, format!("conserved energy of 4096 photons, {drawn_by}, relative error"))
+    Ok(Check::new(rig, format!("conserved energy of 4096 photons, {drawn_by}, relative error"))
         .within((0.01, "1"), error(rules))
         .control(MURKIER, error(rules.murkier())))
 }
@@ -275,7 +275,7 @@ fn conserved(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
 fn depth_test(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let depth = rig::depth_ahead(&view, 5.0);
-    let (photons, twins) = strewn(&view, 2000, 3.0);
+    let (photons, twins) = scatter(&view, 2000, 3.0);
     let rules = Rules { bias_m: 0.3, ..rules };
     let sum = draw(rig, &view, &photons, &rig.depth(SIZE, depth)?, &rules)?.sum();
     let error = |rules: Rules| -> Result<f64> {
@@ -283,7 +283,7 @@ fn depth_test(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
         Ok(relative_error(sum, rules.twin(&view.camera, &twins, &wall)?.sum()))
     };
     let drawn_by = name(rules.splatting);
-    Ok(Check::of(rig, format!("splats before a wall, {drawn_by}: sum, relative error"))
+    Ok(Check::new(rig, format!("splats before a wall, {drawn_by}: sum, relative error"))
         .within((0.01, "1"), error(rules)?)
         .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?))
 }
@@ -298,23 +298,24 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
         };
         (0..200).map(|_| photon()).collect()
     };
-    let drawn = |stand: &Stand, photons: &[Photon], coverage: SplatCoverage, bias_m: f64| {
-        let depth = rig.gbuffer(stand)?.depth;
-        let image = draw(rig, &stand.view, photons, &depth, &Rules { coverage, bias_m, ..rules })?;
+    let drawn = |fixture: &Fixture, photons: &[Photon], coverage: SplatCoverage, bias_m: f64| {
+        let depth = rig.gbuffer(fixture)?.depth;
+        let image =
+            draw(rig, &fixture.view, photons, &depth, &Rules { coverage, bias_m, ..rules })?;
         Ok::<_, VerifyError>((image, rig.channel(&depth, 0)?))
     };
     let (walls, between) = rig.two_walls(SIZE, [3.0, 4.0], [DVec3::Z; 2])?;
     let at_edge = photons(&|share, y| DVec3::new(-0.02 - 0.01 * share, y, -3.0));
     let leak = |coverage: SplatCoverage| -> Result<f64> {
         let (image, depth) = drawn(&walls, &at_edge, coverage, 0.3)?;
-        let behind = pixels(SIZE).filter(|at| depth.at(*at) > between);
-        Ok(behind.map(|at| image.at(at)).sum::<f64>() / image.sum())
+        let behind = pixels(SIZE).filter(|at| depth.get(*at) > between);
+        Ok(behind.map(|at| image.get(at)).sum::<f64>() / image.sum())
     };
     let slope = DVec3::new(0.0, 0.5, -3f64.sqrt() / 2.0);
     let mut scene = walls.scene.clone();
     let wall = Mesh::parallelogram(DVec3::NEG_Z * 3.0, 9.0 * DVec3::X, 9.0 * slope);
     scene.objects = vec![Object::new("wall", wall)];
-    let slanted = rig.stand(scene, SIZE)?;
+    let slanted = rig.fixture(scene, SIZE)?;
     let on_slope =
         photons(&|share, y| DVec3::NEG_Z * 3.0 + (2.0 * share - 1.0) * DVec3::X + y * slope);
     let whole = draw_free(rig, &slanted.view, &on_slope, &rules)?;
@@ -325,7 +326,7 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
     let mut scene = walls.scene.clone();
     let behind = DVec3::new(0.5, 0.0, 3f64.sqrt() / 2.0);
     scene.objects[1].mesh = Mesh::parallelogram(DVec3::NEG_Z * 4.0, 9.0 * behind, 9.0 * DVec3::Y);
-    let turned = rig.stand(scene, SIZE)?;
+    let turned = rig.fixture(scene, SIZE)?;
     let across = |far_m: f64| -> Vec<Photon> {
         let hit = |i: i32| DVec3::new(-0.0202 - far_m, 0.004 * f64::from(i), -3.0);
         (-200..200).map(|i| rig::photon(hit(i) + DVec3::Y, hit(i), 1.0)).collect()
@@ -333,18 +334,18 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
     let (level, depth) = drawn(&walls, &across(0.0), SplatCoverage::Surface, 0.01)?;
     let unlike = |far_m: f64| -> Result<f64> {
         let (image, _) = drawn(&turned, &across(far_m), SplatCoverage::Surface, 0.01)?;
-        let near = pixels(SIZE).filter(|at| depth.at(*at) < between);
-        Ok(near.map(|at| (image.at(at) - level.at(at)).abs()).sum::<f64>() / level.sum())
+        let near = pixels(SIZE).filter(|at| depth.get(*at) < between);
+        Ok(near.map(|at| (image.get(at) - level.get(at)).abs()).sum::<f64>() / level.sum())
     };
     let what = |of: &str| format!("splats within one surface, {}: {of}", name(rules.splatting));
     Ok(vec![
-        Check::of(rig, what("share of the light that is on a wall behind"))
+        Check::new(rig, what("share of the light that is on a wall behind"))
             .within((0.0, "1"), leak(SplatCoverage::Surface)?)
             .control("squares over silhouettes", leak(SplatCoverage::Square)?),
-        Check::of(rig, what("share of the light that a slanted wall hides"))
+        Check::new(rig, what("share of the light that a slanted wall hides"))
             .within((rules.coverage(rig), "1"), hidden(SplatCoverage::Surface)?)
             .control("squares", hidden(SplatCoverage::Square)?),
-        Check::of(rig, what("share of the light that a slanted wall behind changes"))
+        Check::new(rig, what("share of the light that a slanted wall behind changes"))
             .within((rules.coverage(rig), "1"), unlike(0.0)?)
             .control("photons a pixel from the edge", unlike(0.004)?),
     ])
@@ -372,7 +373,7 @@ fn accumulation(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     };
     let drawn_by = name(rules.splatting);
     let what = format!("{count} contributions of 0.001 at one pixel, {drawn_by}, relative error");
-    let check = Check::of(rig, what).within((tolerance, "1"), error(image.clamped(256, 256)));
+    let check = Check::new(rig, what).within((tolerance, "1"), error(image.clamped(256, 256)));
     Ok(if short {
         check.control("a photon less", error(EACH_W * (count - 1) as f64))
     } else {
@@ -411,7 +412,7 @@ fn large(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
 fn extremes(
     rig: &Rig<'_>,
     view: &View,
-    photons: impl Iterator<Item = (Photon, Twin)>,
+    photons: impl Iterator<Item = (Photon, HitPath)>,
     rules: Rules,
     what: &str,
 ) -> Result<Check> {
@@ -422,7 +423,7 @@ fn extremes(
         Ok(difference(&image, &rules.twin(&view.camera, &twins, &open())?))
     };
     let wide = Rules { sizes_px: [EXTREMES_PX[0], 1.25 * EXTREMES_PX[1]], ..rules };
-    Ok(Check::of(rig, format!("{what}, {}: Σ |difference| / Σ", name(rules.splatting)))
+    Ok(Check::new(rig, format!("{what}, {}: Σ |difference| / Σ", name(rules.splatting)))
         .within((rules.coverage(rig), "1"), error(&rules)?)
         .control("s_max 500 px", error(&wide)?))
 }
@@ -443,7 +444,7 @@ fn alike(rig: &Rig<'_>) -> Result<Check> {
     let raster = drawn(Splatting::Raster, 1.0)?;
     let scattered = drawn(Splatting::Compute, 1.0)?;
     let by_raster = Rules { splatting: Splatting::Raster, ..RULES };
-    Ok(Check::of(rig, "scene tank, compute against the rasterizer: Σ |difference| / Σ")
+    Ok(Check::new(rig, "scene tank, compute against the rasterizer: Σ |difference| / Σ")
         .within((by_raster.coverage(rig), "1"), difference(&scattered, &raster))
         .control("twice the depth bias", difference(&drawn(Splatting::Compute, 2.0)?, &raster))
         .with("relative_difference_of_sums", scattered.sum() / raster.sum() - 1.0))
@@ -463,30 +464,31 @@ fn half_float_sum(each: f64, count: usize) -> f64 {
 fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let file = SceneFile::load(name)?;
     let params = energy_params(&file);
-    let stand = rig.stand(Scene::build(&file)?, [params.view.width, params.view.height])?;
-    let (pipeline, estimated) = pipeline(rig, &stand.scene, &params)?;
+    let fixture = rig.fixture(Scene::build(&file)?, [params.view.width, params.view.height])?;
+    let (pipeline, estimated) = pipeline(rig, &fixture.scene, &params)?;
 
     let frame = pipeline.view.light_frame();
     let grid = PhotonGrid::new(params.caustics.grid, params.caustics.grid_settings().side());
-    let (photons, twins) = stored(&land_all(&frame, &stand.scene.water, &stand.tracer, grid, 1));
+    let (photons, twins) =
+        stored(&land_all(&frame, &fixture.scene.water, &fixture.tracer, grid, 1));
     let rules = Rules {
         intensity: Intensity::Conserving,
         photon_w: frame.emitted_w / grid.count() as f64,
         bias_m: params.caustics.depth_bias_m,
-        gamma_per_m: stand.scene.water.attenuation_per_m,
+        gamma_per_m: fixture.scene.water.attenuation_per_m,
         ..RULES
     };
     // Over the depth of the scene as `scene/gbuffer` draws it, and over that of an exact rasterizer.
-    let drawn = rig.gbuffer(&stand)?;
+    let drawn = rig.gbuffer(&fixture)?;
     let sum = draw(rig, &pipeline.view, &photons, &drawn.depth, &rules)?.sum();
-    let depth = Image::of(stand.view.size_px.into(), |x, y| {
-        stand.rays.cast(&stand.tracer, x, y).map_or(1.0, |(_, depth)| depth)
+    let depth = Image::from_fn(fixture.view.size_px.into(), |x, y| {
+        fixture.rays.cast(&fixture.tracer, x, y).map_or(1.0, |(_, depth)| depth)
     });
     let expected = |rules: Rules| -> Result<f64> {
-        Ok(rules.twin(&stand.scene.camera, &twins, &depth)?.sum())
+        Ok(rules.twin(&fixture.scene.camera, &twins, &depth)?.sum())
     };
     let energy = expected(rules)?;
-    Ok(Check::of(rig, format!("scene {name}: conserved energy of exact photons, relative error"))
+    Ok(Check::new(rig, format!("scene {name}: conserved energy of exact photons, relative error"))
         .within((0.01, "1"), relative_error(sum, energy))
         .control(MURKIER, relative_error(sum, expected(rules.murkier())?))
         .with("emitted_w", frame.emitted_w)
@@ -519,13 +521,13 @@ fn point_flux(rig: &Rig<'_>) -> Result<Check> {
         let d = height_m + file.floor_depth_m;
         4.0 * (half_m.powi(2) / (half_m.powi(2) + d * d)).asin() * file.light.intensity_w_sr
     };
-    Ok(Check::of(rig, "flux of a point light through the view, relative error")
+    Ok(Check::new(rig, "flux of a point light through the view, relative error")
         .within((0.01, "1"), relative_error(seen_w, flux_w(LIGHT_M)))
         .control("light 0.5 m higher", relative_error(seen_w, flux_w(LIGHT_M + 0.5))))
 }
 
 /// Exact photons that have landed, as the GPU stores them.
-fn stored(landings: &[Landing]) -> (Vec<Photon>, Vec<Twin>) {
+fn stored(landings: &[Landing]) -> (Vec<Photon>, Vec<HitPath>) {
     let landed = landings.iter().filter_map(Landing::landed);
     let photons = landed.map(|landed| {
         let Landed { entry, hit, .. } = landed;
@@ -550,8 +552,8 @@ pub fn pipeline(
     rig: &Rig<'_>,
     scene: &Scene,
     params: &Params,
-) -> Result<(Built<Underwater>, Image)> {
-    let pipeline = Built::<Underwater>::new(rig.gpu, scene, params)?;
+) -> Result<(BuiltPipeline<Underwater>, Image)> {
+    let pipeline = BuiltPipeline::<Underwater>::new(rig.gpu, scene, params)?;
     rig.run_until(&pipeline, STAGE)?;
     let image = rig.channel(&pipeline.caustics.drawn.texture, 0)?;
     Ok((pipeline, image))

@@ -2,7 +2,7 @@
 
 use crate::prelude::*;
 use fathom_stages::picture::Shafts;
-use fathom_stages::sprites::compose::{self, Composed};
+use fathom_stages::sprites::compose::{self, SpriteOutput};
 use fathom_stages::sprites::draw::{self, Sprite};
 
 const SIZE: [u32; 2] = [160, 120];
@@ -23,53 +23,53 @@ const SPRITE: Sprite =
     Sprite { radius_m: 0.4, visible_m: 0.05, facing: false, photon_w: 0.7, side_px: 20.0 };
 
 /// A slanted view of scene `plane` with photons strewn in the middle of the view.
-struct Lit {
-    stand: Stand,
+struct SpriteScene {
+    fixture: Fixture,
     layers: Layers,
     hits: Vec<DVec3>,
     photons: Photons,
 }
 
-impl Lit {
+impl SpriteScene {
     fn new(rig: &Rig<'_>) -> Result<Self> {
         let mut scene = rig::flat_plane(LightKind::Directional)?;
         scene.water.attenuation_per_m = GAMMA_PER_M;
         scene.camera.up = [0.3, 1.0, 0.1];
-        let stand = rig.stand(scene, SIZE)?;
-        let part = (&stand.geometry, Part::Solid);
-        let peel = peel::new(rig, &stand.shared, &stand.scene, part, SIZE, 2)?;
+        let fixture = rig.fixture(scene, SIZE)?;
+        let part = (&fixture.geometry, Objects::Solid);
+        let peel = peel::new(rig, &fixture.shared, &fixture.scene, part, SIZE, 2)?;
         rig.run(&[&peel])?;
         let mut random = Random::new(7);
         let hit = |_| {
             let shares = [random.within(0.4, 0.6), random.within(0.65, 0.75)];
             let [x, y] = [0, 1].map(|axis| f64::from(SIZE[axis]) * shares[axis]);
-            let (origin, direction, _) = stand.rays.ray_at(x, y);
-            Some(stand.tracer.cast(origin, direction, 0.0, f64::MAX)?.position)
+            let (origin, direction, _) = fixture.rays.ray_at(x, y);
+            Some(fixture.tracer.cast(origin, direction, 0.0, f64::MAX)?.position)
         };
         let hits: Vec<DVec3> = (0..60).filter_map(hit).collect();
         let photon = |hit: &DVec3| rig::photon(*hit + DVec3::Y, *hit, 1.0);
         let photons = rig.photons(&hits.iter().map(photon).collect::<Vec<_>>());
-        Ok(Lit { stand, layers: peel.left, hits, photons })
+        Ok(SpriteScene { fixture, layers: peel.output, hits, photons })
     }
 
     /// Irradiance that the sprites bring to what a stand's camera sees.
-    fn irradiance(&self, rig: &Rig<'_>, stand: &Stand, sprite: &Sprite) -> Result<Image> {
-        let seen = rig.gbuffer(stand)?.depth;
+    fn irradiance(&self, rig: &Rig<'_>, fixture: &Fixture, sprite: &Sprite) -> Result<Image> {
+        let seen = rig.gbuffer(fixture)?.depth;
         let photons = (&self.photons, &rig.ones(self.photons.count));
-        let stage = draw::new(rig, &stand.shared, photons, &self.layers, &seen, sprite)?;
-        rig.drawn(&[&stage], stage.texture(), 0)
+        let stage = draw::new(rig, &fixture.shared, photons, &self.layers, &seen, sprite)?;
+        rig.draw(&[&stage], stage.texture(), 0)
     }
 
     /// Largest difference from Eq. 1 in planes of this normal, over the greatest irradiance.
     fn errors(&self, irradiance: &Image, normal: DVec3, radius_m: f64) -> f64 {
         let error = |(x, y): (u32, u32)| {
-            let (origin, direction, _) = self.stand.rays.ray(x, y);
+            let (origin, direction, _) = self.fixture.rays.ray(x, y);
             let of_sprite = |hit: &DVec3| {
                 let far_m = (*hit - origin).dot(normal) / direction.dot(normal);
                 let r = (origin + direction * far_m).distance(*hit);
                 SPRITE.rise_w_m3() * transmittance(GAMMA_PER_M, 1.0) * (radius_m - r).max(0.0)
             };
-            (irradiance.at((x, y)) - self.hits.iter().map(of_sprite).sum::<f64>()).abs()
+            (irradiance.get((x, y)) - self.hits.iter().map(of_sprite).sum::<f64>()).abs()
         };
         largest(pixels(SIZE).map(error)) / largest(irradiance.data().iter().copied())
     }
@@ -77,36 +77,36 @@ impl Lit {
 
 /// What the sprites bring to the plane, summed over its area, against the photons' flux.
 fn energy(rig: &Rig<'_>) -> Result<Check> {
-    let lit = Lit::new(rig)?;
-    let irradiance = lit.irradiance(rig, &lit.stand, &SPRITE)?;
+    let lit = SpriteScene::new(rig)?;
+    let irradiance = lit.irradiance(rig, &lit.fixture, &SPRITE)?;
     let floor = (DVec3::Y * mean(lit.hits.iter().map(|hit| hit.y)), DVec3::Y);
-    let area = |at| rig::area_shown(&lit.stand.rays, at, floor);
-    let shown = pixels(SIZE).filter(|at| irradiance.at(*at) > 0.0);
-    let brought: f64 = shown.map(|at| irradiance.at(at) * area(at)).sum();
+    let area = |at| rig::area_shown(&lit.fixture.rays, at, floor);
+    let shown = pixels(SIZE).filter(|at| irradiance.get(*at) > 0.0);
+    let brought: f64 = shown.map(|at| irradiance.get(at) * area(at)).sum();
     let flux = SPRITE.photon_w * transmittance(GAMMA_PER_M, 1.0) * lit.hits.len() as f64;
-    Ok(Check::of(rig, "sum of irradiance × area over the photons' flux: relative error")
+    Ok(Check::new(rig, "sum of irradiance × area over the photons' flux: relative error")
         .within((0.01, "1"), relative_error(brought, flux))
         .control("one photon in twenty more", relative_error(brought, 1.05 * flux)))
 }
 
 /// Sprites on a floor that a wall hides in part: the wall stays dark.
 fn hidden(rig: &Rig<'_>) -> Result<Check> {
-    let lit = Lit::new(rig)?;
+    let lit = SpriteScene::new(rig)?;
     let mut scene = rig::flat_plane(LightKind::Directional)?;
-    scene.camera = lit.stand.scene.camera.clone();
+    scene.camera = lit.fixture.scene.camera.clone();
     let middle = lit.hits.iter().sum::<DVec3>() / lit.hits.len() as f64;
     let between = middle.lerp(scene.camera.position(), 0.4);
     let wall = Mesh::parallelogram(between, 0.15 * DVec3::X, 0.6 * DVec3::Y);
     scene.objects.push(Object::new("wall", wall));
-    let stand = rig.stand(scene, SIZE)?;
-    let is_wall = |hit: Hit| hit.object + 1 == stand.scene.objects.len();
+    let fixture = rig.fixture(scene, SIZE)?;
+    let is_wall = |hit: Hit| hit.object + 1 == fixture.scene.objects.len();
     let wall: Vec<(u32, u32)> =
-        pixels(SIZE).filter(|at| stand.hit(*at).is_some_and(is_wall)).collect();
+        pixels(SIZE).filter(|at| fixture.hit(*at).is_some_and(is_wall)).collect();
     let brightest = |visible_m: f64| -> Result<f64> {
-        let irradiance = lit.irradiance(rig, &stand, &Sprite { visible_m, ..SPRITE })?;
-        Ok(largest(wall.iter().map(|at| irradiance.at(*at))))
+        let irradiance = lit.irradiance(rig, &fixture, &Sprite { visible_m, ..SPRITE })?;
+        Ok(largest(wall.iter().map(|at| irradiance.get(*at))))
     };
-    Ok(Check::of(rig, "greatest irradiance on a wall before the sprites")
+    Ok(Check::new(rig, "greatest irradiance on a wall before the sprites")
         .within((0.0, "W/m²"), brightest(SPRITE.visible_m)?)
         .control("whatever lies before them is lit", brightest(100.0)?)
         .with("pixels_of_the_wall", wall.len() as f64))
@@ -114,23 +114,23 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
 
 /// Each pixel against Eq. 1 evaluated in f64.
 fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
-    let lit = Lit::new(rig)?;
-    let irradiance = lit.irradiance(rig, &lit.stand, &SPRITE)?;
+    let lit = SpriteScene::new(rig)?;
+    let irradiance = lit.irradiance(rig, &lit.fixture, &SPRITE)?;
     let errors = |radius_m| lit.errors(&irradiance, DVec3::Y, radius_m);
-    Ok(Check::of(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
+    Ok(Check::new(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
         .within((0.01, "1"), errors(SPRITE.radius_m))
         .control("radius 5 % larger", errors(1.05 * SPRITE.radius_m)))
 }
 
 /// Eq. 1 in the plane against the camera's axis, on a floor that lies slanted to it.
 fn facing_shape(rig: &Rig<'_>) -> Result<Check> {
-    let lit = Lit::new(rig)?;
+    let lit = SpriteScene::new(rig)?;
     let sprite = Sprite { facing: true, visible_m: 100.0, ..SPRITE };
-    let irradiance = lit.irradiance(rig, &lit.stand, &sprite)?;
-    let camera = &lit.stand.scene.camera;
+    let irradiance = lit.irradiance(rig, &lit.fixture, &sprite)?;
+    let camera = &lit.fixture.scene.camera;
     let axis = (DVec3::from(camera.target_m) - camera.position()).normalize();
     let errors = |normal| lit.errors(&irradiance, normal, SPRITE.radius_m);
-    Ok(Check::of(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
+    Ok(Check::new(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
         .within((0.01, "1"), errors(axis))
         .control("in the receiver's plane", errors(DVec3::Y)))
 }
@@ -142,15 +142,15 @@ fn composed(rig: &Rig<'_>) -> Checks {
     const SHAFT_SCALE: f64 = 0.2;
     /// Where the tint of shafts is 1.
     const BLUE: usize = 2;
-    let stand = rig.stand(rig::flat_plane(LightKind::Directional)?, SIZE)?;
-    let gbuffer = rig.gbuffer(&stand)?;
+    let fixture = rig.fixture(rig::flat_plane(LightKind::Directional)?, SIZE)?;
+    let gbuffer = rig.gbuffer(&fixture)?;
     let constant = |value: f64| rig.grey(&Image::constant(SIZE[0], SIZE[1], value));
     let shaft = constant(SHAFT_W);
     let radiance = |irradiance: f64, shafts| -> Result<Image> {
-        let composed = Composed::Picture { shafts, exposure: EXPOSURE };
+        let composed = SpriteOutput::Picture { shafts, exposure: EXPOSURE };
         let light = constant(irradiance);
-        let stage = compose::new(rig, &stand.shared, &gbuffer, &light, &composed)?;
-        let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
+        let stage = compose::new(rig, &fixture.shared, &gbuffer, &light, &composed)?;
+        let shown = rig.draw(&[&stage], stage.texture(), BLUE)?;
         Ok(shown.map(|value| radiance_of(value, EXPOSURE)))
     };
     let (dark, light) = (radiance(0.0, None)?, radiance(6.0, None)?);
@@ -158,21 +158,21 @@ fn composed(rig: &Rig<'_>) -> Checks {
     let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
     let errors = |irradiance: f64| {
         percentile::<90>(pixels(SIZE).filter_map(|at| {
-            let through = rig::through_water(&stand.scene, stand.hit(at)?.position);
-            let exact = albedo.at(at) / PI * irradiance * through;
-            Some((light.at(at) - dark.at(at) - exact).abs() / exact)
+            let through = rig::through_water(&fixture.scene, fixture.hit(at)?.position);
+            let exact = albedo.get(at) / PI * irradiance * through;
+            Some((light.get(at) - dark.get(at) - exact).abs() / exact)
         }))
     };
     let of_shafts = |scale: f64| {
-        let added = pixels(SIZE).map(|at| crossed.at(at) - dark.at(at));
+        let added = pixels(SIZE).map(|at| crossed.get(at) - dark.get(at));
         percentile::<90>(added.map(|added| relative_error(added, SHAFT_W * scale)))
     };
     // Steps of an 8-bit display.
     Ok(vec![
-        Check::of(rig, "90th percentile of the added radiance's relative error")
+        Check::new(rig, "90th percentile of the added radiance's relative error")
             .within((0.03, "1"), errors(6.0))
             .control("6 % more light expected", errors(6.36)),
-        Check::of(rig, "90th percentile of the relative error of the shafts' radiance")
+        Check::new(rig, "90th percentile of the relative error of the shafts' radiance")
             .within((0.03, "1"), of_shafts(SHAFT_SCALE))
             .control("a scale 6 % larger", of_shafts(1.06 * SHAFT_SCALE)),
     ])

@@ -57,8 +57,7 @@ pub fn radiance_of(shown: f64, exposure: f64) -> f64 {
     -(1.0 - shown.powf(DISPLAY_GAMMA)).ln() / exposure
 }
 
-/// What is shown of a radiance.
-pub fn shown_of(radiance: f64, exposure: f64) -> f64 {
+pub fn tone_mapped(radiance: f64, exposure: f64) -> f64 {
     (1.0 - (-radiance * exposure).exp()).powf(1.0 / DISPLAY_GAMMA)
 }
 

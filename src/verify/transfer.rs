@@ -12,14 +12,14 @@ pub fn cases() -> Vec<Case> {
 fn weights(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let mut scene = rig::flat_plane(kind)?;
     (scene.water.amplitude_m, scene.water.fresnel) = (0.05, true);
-    let stand = rig.stand(scene, [64, 48])?;
-    let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, 512)?;
-    let mask = shadow::mask::new(rig, &stand.shared, depth.texture(), 64)?;
-    let map = map::new(rig, &stand.shared, mask.texture(), &rig::light_grid(GRID))?;
+    let fixture = rig.fixture(scene, [64, 48])?;
+    let depth = shadow::depth::new(rig, &fixture.shared, &fixture.geometry, 512)?;
+    let mask = shadow::mask::new(rig, &fixture.shared, depth.texture(), 64)?;
+    let map = map::new(rig, &fixture.shared, mask.texture(), &rig::light_grid(GRID))?;
     rig.run(&[&depth, &mask, &map])?;
     let stored: Vec<Transfer> = rig.read(&map.transfers.buffer)?;
     let weights: Vec<f32> = rig.read(&map.weights)?;
-    let (frame, water) = (stand.view.light_frame(), &stand.scene.water);
+    let (frame, water) = (fixture.view.light_frame(), &fixture.scene.water);
     let alive = || (0..).zip(stored.iter().zip(&weights)).filter(|(_, (to, _))| to.state > NEVER);
     let error = |fresnel: bool| {
         percentile::<99>(alive().filter_map(|(number, (_, weight))| {
@@ -35,7 +35,7 @@ fn weights(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
             Some(relative_error(f64::from(*weight), exact))
         }))
     };
-    Ok(Check::of(rig, format!("{kind:?}: 99th percentile of the weight's relative error"))
+    Ok(Check::new(rig, format!("{kind:?}: 99th percentile of the weight's relative error"))
         .within((2e-3, "1"), error(true))
         .control("without Fresnel's transmittance", error(false)))
 }

@@ -64,15 +64,15 @@ pub fn names(folder: &Path) -> Vec<String> {
 }
 
 /// What a command said.
-pub struct Told {
+pub struct CommandOutput {
     pub out: String,
     pub err: String,
 }
 
-impl Told {
+impl CommandOutput {
     /// What a command said that must end by itself with this status, and not by a panic or a signal.
     #[track_caller]
-    pub fn of(output: Output, status: i32) -> Self {
+    pub fn check(output: Output, status: i32) -> Self {
         let [out, err] =
             [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
         assert_eq!(output.status.code(), Some(status), "{out}{err}");
@@ -102,7 +102,7 @@ impl Told {
 /// Runs a command to its end.
 pub trait Ends {
     /// What it says; it must end with this status.
-    fn ends(&mut self, status: i32) -> Told;
+    fn ends(&mut self, status: i32) -> CommandOutput;
 
     /// Its answer on standard output.
     #[track_caller]
@@ -121,8 +121,8 @@ pub trait Ends {
 
 impl Ends for Command {
     #[track_caller]
-    fn ends(&mut self, status: i32) -> Told {
-        Told::of(self.output().unwrap(), status)
+    fn ends(&mut self, status: i32) -> CommandOutput {
+        CommandOutput::check(self.output().unwrap(), status)
     }
 }
 
@@ -139,9 +139,9 @@ pub const HANGS: Duration = Duration::from_secs(600);
 
 /// What a command says that may wait for ever.
 #[track_caller]
-pub fn ended(command: Command, status: i32) -> Told {
+pub fn ended(command: Command, status: i32) -> CommandOutput {
     let output = assert_cmd::Command::from_std(command).timeout(HANGS).output();
-    Told::of(output.unwrap(), status)
+    CommandOutput::check(output.unwrap(), status)
 }
 
 /// Looks until something holds.

@@ -22,7 +22,7 @@ pub fn planned() -> BTreeSet<CodeKey> {
     for kind in &catalog.kinds {
         catalog.stages_of(kind.name).unwrap();
     }
-    let mut subjects = Subjects::of(&catalog).silent();
+    let mut subjects = Subjects::new(&catalog).silent();
     let mut plan = |pipeline: &str, scene: &str, overrides: &[(String, Value)]| {
         subjects.subject(pipeline, scene, overrides).unwrap().plan().unwrap();
     };
@@ -45,7 +45,7 @@ pub fn planned() -> BTreeSet<CodeKey> {
 
 /// Of shaders that no pipeline runs, and of each with its own defaults.
 pub fn unplanned() -> BTreeSet<CodeKey> {
-    let paths = shader_paths(&Folders::of(SHADERS));
+    let paths = shader_paths(&Folders::new(SHADERS));
     let defaults = paths.iter().map(|path| CodeKey::new(path, &[]));
     defaults.chain(LIMITS.map(|(path, def)| CodeKey::new(path, &[def]))).collect()
 }

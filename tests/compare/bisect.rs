@@ -35,9 +35,9 @@ fn main() {
 "##;
 
 /// Commits of the program; each has the time of stage `a` as an expression.
-pub struct History(pub Place);
+pub struct Commits(pub Place);
 
-impl History {
+impl Commits {
     fn new(times: &[&str]) -> Self {
         Self::greeting(times, &hello(1, r#""time""#))
     }
@@ -62,7 +62,7 @@ impl History {
     }
 
     /// A repository whose commits each write something.
-    pub fn of(commits: usize, write: impl Fn(&Place, usize)) -> Self {
+    pub fn with_commits(commits: usize, write: impl Fn(&Place, usize)) -> Self {
         let history = Self(Place::new());
         history.git(&["init", "--quiet"]);
         for number in 0..commits {
@@ -104,7 +104,7 @@ const BROKEN: &str = "no number";
 #[test]
 fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build() {
     let times = [USUAL, USUAL, BROKEN, USUAL, USUAL, SLOWER, SLOWER, SLOWER, SLOWER];
-    let history = History::new(&times);
+    let history = Commits::new(&times);
     let told = history.bisect("--good HEAD~8").ends(0);
     let found: Value = serde_json::from_str(&told.out).unwrap();
     let answer = &found["answer"];
@@ -126,10 +126,10 @@ fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build()
 
 #[test]
 fn equal_ends_leave_nothing_to_find() {
-    let history = History::new(&[USUAL, USUAL]);
+    let history = Commits::new(&[USUAL, USUAL]);
     let found = history.bisect("--good HEAD~1").ends(1).json();
     assert!(found["answer"].is_null() && found["ends"] == "no regression", "{found}");
-    let told = History::new(&[USUAL, BROKEN]).bisect("--good HEAD~1").ends(2);
+    let told = Commits::new(&[USUAL, BROKEN]).bisect("--good HEAD~1").ends(2);
     assert!(told.err.contains("does not build"), "{}", told.err);
     assert_eq!(history.bisect("--good HEAD --bad HEAD~1").output().unwrap().status.code(), Some(2));
 }
@@ -137,7 +137,7 @@ fn equal_ends_leave_nothing_to_find() {
 #[test]
 fn a_program_of_another_language_is_searched_in_its_checkouts() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker");
-    let history = History::of(6, |place, number| {
+    let history = Commits::with_commits(6, |place, number| {
         let text = std::fs::read_to_string(example.join("worker.py")).unwrap();
         let turns = if number < 4 { "1.0" } else { "1.05" };
         let text = text.replace("default=1.0", &format!("default={turns}"));
@@ -168,7 +168,7 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
 
 #[test]
 fn a_cell_that_became_less_accurate_is_searched_by_bisection() {
-    let history = History::of(9, |place, number| {
+    let history = Commits::with_commits(9, |place, number| {
         let error = if number < 5 { "0.01" } else { "0.02" };
         Script { error, ..Script::default() }.write(&place.path(""), "worker.sh");
         place.write("cells.toml", CELLS);
@@ -211,7 +211,7 @@ fn lines_of_a_file_are_searched_by_a_command_past_one_that_cannot_be_measured() 
 fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
     let build = |text: &str| {
         let greeting = hello(1, r#""time""#).replace("\"notes\"", &format!("{text}\"notes\""));
-        let history = History::greeting(&[USUAL, SLOWER], &greeting);
+        let history = Commits::greeting(&[USUAL, SLOWER], &greeting);
         Script::default().write(&history.0.path(""), "head");
         history
     };
@@ -225,7 +225,8 @@ fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
 
 #[test]
 fn what_keeps_git_from_a_revision_is_told_in_its_words() {
-    let history = History::of(2, |place, number| drop(place.write("a", number.to_string())));
+    let history =
+        Commits::with_commits(2, |place, number| drop(place.write("a", number.to_string())));
     let here = format!("file://{}", history.0.path("").display());
     history.git(&["clone", "--quiet", "--depth", "1", &here, "clone"]);
     for (folder, name, value, reason) in [
@@ -248,8 +249,8 @@ fn what_keeps_git_from_a_revision_is_told_in_its_words() {
 fn checkouts_have_their_submodules() {
     let worker =
         |place: &Place, _: usize| drop(Script::default().write(&place.path(""), "worker.sh"));
-    let module = History::of(1, worker);
-    let history = History::of(1, |place, _| drop(place.write("cells.toml", CELLS)));
+    let module = Commits::with_commits(1, worker);
+    let history = Commits::with_commits(1, |place, _| drop(place.write("cells.toml", CELLS)));
     let from = format!("file://{}", module.0.path("").display());
     history.git(&[
         "-c",

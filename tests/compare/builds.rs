@@ -6,12 +6,12 @@ use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::Gate;
 use fathom::record::{Measured, Record};
 
-use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
+use super::common::{CommandOutput, Ends, Place, holds, names, reference_of, write_records};
 use super::script::{Script, hello, refusal};
 use super::stored::cell;
 
@@ -91,20 +91,20 @@ impl Builds {
         fs::remove_file(self.path("released")).ok();
     }
 
-    pub fn stored(&self) -> StoredComparison {
-        StoredComparison::read(&self.path("out")).unwrap()
+    pub fn stored(&self) -> Comparison {
+        Comparison::read(&self.path("out")).unwrap()
     }
 
     /// What the builds print and store; the comparison must end with this status.
     #[track_caller]
-    fn compare(&self, status: i32) -> (String, StoredComparison) {
+    fn compare(&self, status: i32) -> (String, Comparison) {
         let told = self.command("").ends(status);
         (told.out, self.stored())
     }
 }
 
-fn verdict(stored: &StoredComparison, cell: &str) -> CellVerdict {
-    let cells = Verdicts::of(stored).cells;
+fn verdict(stored: &Comparison, cell: &str) -> CellVerdict {
+    let cells = Verdicts::judge(stored).cells;
     let found = cells.iter().find(|found| found.cell.as_str() == cell);
     found.unwrap().verdict
 }
@@ -119,7 +119,7 @@ fn equal_builds_execute_equally_many_instructions() {
     let skipped = told.out.contains("instructions gate skipped");
     assert!(!skipped, "`scripts/setup.sh` installs valgrind: {}", told.out);
     holds(&place.read("page.md"), &["no regression"]);
-    let comparison = StoredComparison::read(&place.path("out")).unwrap();
+    let comparison = Comparison::read(&place.path("out")).unwrap();
     let ratio = fathom::judge::counts::judge(&comparison)[&cell(name)].ratio;
     let threshold = comparison.header.settings.instruction_threshold;
     assert!((ratio - 1.0).abs() < threshold, "{ratio}");
@@ -226,7 +226,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     // A worker that the kill met at its start holds the folder until it sees that nobody is there.
     let mut tries = std::iter::repeat_with(|| builds.command("").output().unwrap());
     let held = |output: &Output| String::from_utf8_lossy(&output.stderr).contains("is in use by");
-    Told::of(tries.find(|output| !held(output)).unwrap(), 2).error("--resume");
+    CommandOutput::check(tries.find(|output| !held(output)).unwrap(), 2).error("--resume");
     builds.command("--seed 7 --resume").refused("`seed` was ");
     let changed = CELLS.replace("id = \"one\"", "id = \"one\"\nparams.turns = 2");
     builds.0.write("cells.toml", changed);
@@ -238,7 +238,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     let stored = builds.stored();
     assert_eq!(stored.launches.len(), 10);
     assert_eq!(stored.exact.len(), 2 * 4, "exact figures are not asked for again");
-    assert_eq!(Verdicts::of(&stored).status, Status::NoRegression);
+    assert_eq!(Verdicts::judge(&stored).status, Status::NoRegression);
     assert_eq!(stored.header.settings.gates, [Gate::Exact, Gate::Time]);
 }
 

@@ -1,6 +1,6 @@
 //! What an interrupt ends at once.
 
-use super::bisect::History;
+use super::bisect::Commits;
 use super::builds::{Builds, spawned};
 use super::common::{Ends, Place, names, signal};
 use super::script::Script;
@@ -47,7 +47,7 @@ fn endless_repository() -> Place {
     ];
     let write =
         |place: &Place, _| files.iter().for_each(|(name, text)| drop(place.write(name, text)));
-    History::of(1, write).0
+    Commits::with_commits(1, write).0
 }
 
 #[test]

@@ -5,12 +5,12 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use fathom::compare::bench::Processes;
-use fathom::compare::launch::{Quiet, Waiting, WorkerProcess, WorkerStart, allowed_cores};
+use fathom::compare::launch::{Quiet, ReplyWait, WorkerProcess, WorkerStart, allowed_cores};
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
-use fathom::compare::rounds::{self, Before};
-use fathom::compare::store::StoredComparison;
+use fathom::compare::rounds::{self, EarlierLaunches};
+use fathom::compare::store::Comparison;
 use fathom::compare::time;
-use fathom::judge::schedule::Schedule;
+use fathom::judge::schedule::GateSchedule;
 use fathom::record::Record;
 use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings};
 use serde_json::{Map, json};
@@ -36,18 +36,18 @@ fn plane() -> GateConfiguration {
     }
 }
 
-fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> Schedule {
+fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> GateSchedule {
     let cells: Vec<CellId> = cells.iter().map(|(id, stage)| CellId::new(id, stage)).collect();
-    Schedule { control: cells.first().cloned(), cells, launches, pairs, seed: 3, second: false }
+    GateSchedule { control: cells.first().cloned(), cells, launches, pairs, seed: 3, second: false }
 }
 
-fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
+fn measure(bench: &mut Processes, schedule: &GateSchedule) -> Vec<Compared> {
     let mut lines = Vec::new();
     let sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
-    let Ok(()) = rounds::run(schedule, bench, &Before::default(), &NEVER, sink);
+    let Ok(()) = rounds::run(schedule, bench, &EarlierLaunches::default(), &NEVER, sink);
     lines
 }
 
@@ -57,12 +57,12 @@ fn sample(config: &str, stage: &str, frames: u32) -> WorkerRequest {
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
-    let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, Waiting::PLAINLY).unwrap();
+    let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, ReplyWait::SILENT).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 1, 4);
     let mut lines = vec![Compared::Header(Box::default())];
     lines.extend(measure(&mut bench, &schedule));
-    let measured = StoredComparison::from_records(lines.into_iter().map(Record::from)).unwrap();
-    let StoredComparison { pairs, faults, launches, .. } = measured;
+    let measured = Comparison::from_records(lines.into_iter().map(Record::from)).unwrap();
+    let Comparison { pairs, faults, launches, .. } = measured;
     assert_eq!(faults, []);
     assert_eq!(launches.len(), 1);
     assert_eq!(pairs.len(), 4 * 3, "four rounds, two cells and the control");
@@ -85,11 +85,11 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let mut start = fathom();
     start.quiet = Some(Quiet { core, padding: 100, keep_memory: true });
     let mut early = WorkerProcess::spawn(&start).unwrap();
-    let fault = early.ask(&WorkerRequest::Clock, &Waiting::PLAINLY).unwrap_err();
-    assert!(fault.goes_on() && fault.to_string().contains("`hello`"), "{fault}");
+    let fault = early.ask(&WorkerRequest::Clock, &ReplyWait::SILENT).unwrap_err();
+    assert!(fault.is_alive() && fault.to_string().contains("`hello`"), "{fault}");
     let mut worker = WorkerProcess::start(&start).unwrap();
-    let greeting = worker.greeted(&Waiting::PLAINLY).unwrap();
-    let mut ask = |request| worker.ask(&request, &Waiting::PLAINLY);
+    let greeting = worker.greet(&ReplyWait::SILENT).unwrap();
+    let mut ask = |request| worker.ask(&request, &ReplyWait::SILENT);
     assert_eq!(greeting.parts, ["exact", "checks", "time", "instructions"]);
     if cfg!(target_os = "linux") {
         assert_eq!(greeting.cores, core.map(|core| vec![core]));
@@ -119,7 +119,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         (prepare("view.width", 1_000_000), "", false),
     ] {
         let fault = ask(request).unwrap_err();
-        assert!(fault.goes_on() && fault.to_string().contains(reason), "{fault}");
+        assert!(fault.is_alive() && fault.to_string().contains(reason), "{fault}");
         assert_eq!(fault.is_absence(), absent, "{fault}");
     }
 
@@ -127,7 +127,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let Ok(Reply::Exact(exact)) = ask(WorkerRequest::Exact { config: config.clone() }) else {
         panic!("no exact figures")
     };
-    let hosts = stages.iter().filter(|stage| !CellSubject::of(&stage.name).is_stage()).count();
+    let hosts = stages.iter().filter(|stage| !CellSubject::parse(&stage.name).is_stage()).count();
     assert_eq!(hosts, exact.stages.len() + 1, "each stage can be encoded, and all be created");
     assert!(exact.allocated_bytes > 0 && exact.stages.len() + hosts == stages.len());
     assert!(exact.errors.contains_key("caustics_photon_error_median_m"));

@@ -3,11 +3,11 @@
 
 use std::path::Path;
 
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::record::comparison::Side;
 use rayon::prelude::*;
 
-use super::common::{Ends, Place, Told, by_shell};
+use super::common::{CommandOutput, Ends, Place, by_shell};
 
 const CELLS: &str = "id = \"toy\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\nstages = [\"a\", \"b\"]\n[[sweep]]\nid = \"one\"\n";
 /// Kilobytes of address space that fathom may have.
@@ -34,7 +34,7 @@ const CASES: [(&str, &str, &str); 13] = [
 ];
 
 /// Compares in little memory. What it tells is short, what it stores can be told again, and no process is left.
-fn compare(step: &str, way: &str, seed: u64) -> (Place, Told, i32) {
+fn compare(step: &str, way: &str, seed: u64) -> (Place, CommandOutput, i32) {
     let place = Place::new();
     place.write("cells.toml", CELLS);
     // The base is asked for the clock and to quit, the head for all else.
@@ -52,7 +52,7 @@ fn compare(step: &str, way: &str, seed: u64) -> (Place, Told, i32) {
     let mut limited = by_shell(&format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\""), &compare);
     let output = limited.env("MALLOC_ARENA_MAX", "1").output().unwrap();
     let status = output.status.code().unwrap_or(-1);
-    let told = Told::of(output, status);
+    let told = CommandOutput::check(output, status);
     assert!((0..=4).contains(&status), "{step} {way} {seed}: {}", told.err);
     for line in told.out.lines().chain(told.err.lines()) {
         let is_short = line.chars().count() <= LONGEST;
@@ -81,7 +81,7 @@ fn whatever_a_worker_does_is_told_in_a_line_and_costs_nothing_else() {
             assert!(told.error("the head build: ").contains(reason), "{way}: {}", told.err);
             return assert!(!place.path("out").exists());
         }
-        let stored = StoredComparison::read(&place.path("out")).unwrap();
+        let stored = Comparison::read(&place.path("out")).unwrap();
         assert!(!stored.faults.is_empty(), "{step} {way}");
         for fault in &stored.faults {
             assert!(fault.reason.contains(reason), "{step} {way}: {}", fault.reason);

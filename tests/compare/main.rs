@@ -6,6 +6,7 @@ mod builds;
 #[path = "../common/mod.rs"]
 mod common;
 mod folders;
+mod formats;
 mod gate;
 #[cfg(target_os = "linux")]
 mod hostile_workers;
@@ -13,4 +14,3 @@ mod own_worker;
 mod processes;
 mod script;
 mod stored;
-mod told;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use fathom::compare::store;
-use fathom::harness::output::{FolderKind, Taken};
+use fathom::harness::output::{FolderKind, LockedFolder};
 use fathom::record::ErrorFigure;
 use fathom::record::comparison::{
     CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
@@ -210,7 +210,8 @@ impl Stored {
     }
 
     pub fn write(self, folder: &Path) {
-        let mut held = Taken::free(folder).unwrap().open(FolderKind::Comparison).unwrap();
+        let mut held =
+            LockedFolder::lock_free(folder).unwrap().open(FolderKind::Comparison).unwrap();
         store::write(&mut held, self.lines()).unwrap();
     }
 }

@@ -1,7 +1,7 @@
 //! The adapter's limits as users see them. What is tested here holds on a machine of any speed and load: that an answer agrees with
 //! itself. The laws themselves are tested on modelled clocks (`gpu::ceilings::tests`, `harness::ceilings`).
 
-use super::common::{Place, SMALL, Told, cells, records};
+use super::common::{CommandOutput, Place, SMALL, cells, records};
 use fathom::record::{Outcome, Record};
 
 /// All cells are measured, or what failed is told: a stage beyond a ceiling that a busy machine made too low.
@@ -19,7 +19,7 @@ fn run(place: &Place, options: &str) {
     let failed = cells.iter().filter(|cell| cell.measured().is_none());
     let reasons: Vec<&Outcome> = failed.map(|cell| &cell.outcome).collect();
     assert!(reasons.iter().all(|outcome| beyond(outcome)), "{reasons:?}");
-    Told::of(output, i32::from(!reasons.is_empty()));
+    CommandOutput::check(output, i32::from(!reasons.is_empty()));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
 
-use super::common::{Ends, Place, Told, holds};
+use super::common::{CommandOutput, Ends, Place, holds};
 use super::jobs_server::{BOT, Mood, Server};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -145,7 +145,7 @@ impl Project {
     /// Runs the steps of `action.yml` as a workflow that hands in these settings; the job's status, what was printed, and the output.
     fn action(&self, with: &Value) -> (i32, String, String) {
         let action = yaml(&root().join("action.yml"));
-        let mut known = known(&action, with);
+        let mut known = expression_values(&action, with);
         let (mut failed, mut printed) = (0, String::new());
         for step in action["runs"]["steps"].as_array().unwrap() {
             let Some(script) = step["run"].as_str() else { continue };
@@ -198,14 +198,14 @@ impl Project {
     /// The only comment of the bot, of at most 15 lines.
     #[track_caller]
     fn comment(&self) -> String {
-        let [comment] = self.server.said(BOT).try_into().unwrap();
+        let [comment] = self.server.comments_by(BOT).try_into().unwrap();
         assert!(comment.lines().count() <= 15 && comment.starts_with(MARK), "{comment}");
         comment
     }
 }
 
 /// What expressions of an action may name: its inputs, with these settings in place of defaults, and what GitHub hands in.
-fn known(action: &Value, with: &Value) -> BTreeMap<String, String> {
+fn expression_values(action: &Value, with: &Value) -> BTreeMap<String, String> {
     let mut inputs = BTreeMap::new();
     for (name, input) in action["inputs"].as_object().unwrap() {
         inputs.insert(format!("inputs.{name}"), input["default"].as_str().unwrap().to_owned());
@@ -265,7 +265,7 @@ fn the_action_tells_a_slower_head_in_one_comment() {
         &["fathom compare: regression", "2 cells: 2 slower", "`short sum`: slower: time +5.0 %"],
     );
     assert!(comment.find("quiet: ") < comment.find("`short sum`"), "{comment}");
-    assert_eq!(project.server.said("somebody"), [format!("{MARK}\nmine")]);
+    assert_eq!(project.server.comments_by("somebody"), [format!("{MARK}\nmine")]);
     // Nothing of the base's checkout is left.
     let worktrees = project.script("git worktree list", &[]).answer();
     assert_eq!(worktrees.lines().count(), 1, "{worktrees}");
@@ -294,7 +294,7 @@ fn what_the_action_is_told_not_to_do_it_does_not() {
         assert!(!project.place.path("project/evil").exists(), "{name}");
         let _ = fs::remove_dir_all(project.place.path("project/compare"));
     }
-    holds(&project.server.said(BOT)[0], &["nothing was measured"]);
+    holds(&project.server.comments_by(BOT)[0], &["nothing was measured"]);
 
     let mut with = self::with();
     with["base"] = json!("HEAD~7");
@@ -352,7 +352,7 @@ fn the_job_of_gitlab_does_the_same() {
 }
 
 /// The comment's script after a comparison that said `words`, with the variables of a job but for some.
-fn commented(project: &Project, variables: &[(&str, String)], words: &str) -> Told {
+fn commented(project: &Project, variables: &[(&str, String)], words: &str) -> CommandOutput {
     project.place.write("project/compare/comment.md", format!("### {words}\n"));
     let script = root().join("scripts/ci/comment.sh");
     let mut command = project.script(&format!("'{}'", script.display()), variables);
@@ -387,7 +387,7 @@ fn a_comment_is_found_among_many_and_updated() {
         variables.push(("FATHOM_NAME", "of the GPU".to_owned()));
         commented(&project, &variables, "third");
         assert_eq!(project.server.now().comments.len(), 153);
-        holds(&project.server.said(BOT)[76], &["<!-- fathom compare: of_the_GPU -->"]);
+        holds(&project.server.comments_by(BOT)[76], &["<!-- fathom compare: of_the_GPU -->"]);
         if of_gitlab {
             // The job's token is sent as such, and is of who began the job.
             variables.retain(|(name, _)| *name != "FATHOM_TOKEN");
@@ -437,7 +437,7 @@ fn what_keeps_a_comment_from_being_written_is_a_note() {
         ];
         for (reason, mood, variables) in cases {
             project.server.now().mood = mood;
-            let Told { err, out } = commented(&project, &variables, "words");
+            let CommandOutput { err, out } = commented(&project, &variables, "words");
             assert_eq!((err.lines().count(), out.as_str()), (1, ""), "{err}{out}");
             holds(&err, &["note: no comment was written: ", reason]);
         }

@@ -58,7 +58,7 @@ impl Server {
     }
 
     /// Texts of the comments by this author.
-    pub fn said(&self, author: &str) -> Vec<String> {
+    pub fn comments_by(&self, author: &str) -> Vec<String> {
         let served = self.now();
         let own = served.comments.iter().filter(|comment| comment["user"]["login"] == author);
         own.map(|comment| comment["body"].as_str().unwrap().to_owned()).collect()

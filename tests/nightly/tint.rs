@@ -51,7 +51,7 @@ fn tint_takes_every_shader() {
 fn linked(key: &CodeKey) -> String {
     let defs: Vec<(&str, i32)> =
         key.defs.iter().map(|(name, value)| (name.as_str(), *value)).collect();
-    let module = link(&Folders::of(SHADERS), &key.path, &defs).unwrap();
+    let module = link(&Folders::new(SHADERS), &key.path, &defs).unwrap();
     text(&key.path, &module).unwrap()
 }
 

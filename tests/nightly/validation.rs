@@ -6,15 +6,15 @@ use std::collections::BTreeSet;
 
 use fathom::Catalog;
 use fathom::compare::cells::Gates;
-use fathom::gpu::{audit, ceilings, loop_turns};
+use fathom::gpu::{audit, ceilings, measure_loop_turns};
 use fathom::harness::render::frame;
 use fathom::harness::subject::Subjects;
-use fathom::harness::verify::{Ended, verify};
+use fathom::harness::verify::{FinishedCase, verify};
 use itertools::Itertools as _;
 use wgpu::hal::api::Vulkan;
 
 use super::common::variants::unplanned;
-use super::common::{Place, Told};
+use super::common::{CommandOutput, Place};
 use super::{gpu, this_program};
 
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
@@ -72,7 +72,7 @@ fn under_layer(test: &str) -> Vec<Message> {
     place.write("vk_layer_settings.txt", SETTINGS);
     let mut child = this_program(test);
     child.env("VK_INSTANCE_LAYERS", LAYER).env("VK_LAYER_SETTINGS_PATH", place.path(""));
-    messages(&Told::of(child.env("WGPU_BACKEND", "vulkan").output().unwrap(), 0).out)
+    messages(&CommandOutput::check(child.env("WGPU_BACKEND", "vulkan").output().unwrap(), 0).out)
 }
 
 /// Those that are not listed. Says how often each of the others came.
@@ -119,7 +119,7 @@ fn checks_keep_the_rules() {
 #[ignore = "run under the layer by `checks_keep_the_rules`"]
 fn child_checks() {
     println!();
-    let done = |case: Ended<'_>| println!("{DONE}{case}");
+    let done = |case: FinishedCase<'_>| println!("{DONE}{case}");
     verify(&gpu(), &Catalog::builtin().cases(), None, done).expect("all cases run");
 }
 
@@ -130,7 +130,7 @@ fn child_audit_and_limits() {
     println!();
     let plan = audit(&gpu).unwrap().plan;
     println!("{DONE}audit");
-    loop_turns(&gpu).unwrap();
+    measure_loop_turns(&gpu).unwrap();
     ceilings(&gpu, plan).unwrap();
     println!("{DONE}limits");
     let unlisted = &gpu.shader_variants() - &unplanned();
@@ -141,7 +141,7 @@ fn child_audit_and_limits() {
 #[ignore = "run under the layer by `gate_frames_audit_and_limits_keep_the_rules`"]
 fn child_gate_frames() {
     let (gpu, catalog) = (gpu(), Catalog::builtin());
-    let mut subjects = Subjects::of(&catalog).silent();
+    let mut subjects = Subjects::new(&catalog).silent();
     println!();
     for cell in Gates::load(None, catalog.gates).unwrap().configurations {
         let params: Vec<_> = cell.params.into_iter().collect();

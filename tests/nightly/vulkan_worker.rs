@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 
 use super::common::{Ends, Place, holds};
 
@@ -33,12 +33,12 @@ fn a_program_in_cpp_is_compared_by_vulkan_alone() {
     holds(&{ slower }.ends(1).out, &["regression", "2 slower", "+5.0 %"]);
     // Two launches are too few for a verdict.
     compared("--launches 2 --out cpu", ["", ""]).ends(3);
-    let stored = StoredComparison::read(&place.path("cpu")).unwrap();
+    let stored = Comparison::read(&place.path("cpu")).unwrap();
     assert!(stored.faults.is_empty() && stored.launches.len() == 2, "{:?}", stored.faults);
     // What those of a software driver are worth is not for this test to say.
     let asked = compared("--launches 1 --out timestamps", ["--timestamps"; 2]).output().unwrap();
     assert!([2, 3].contains(&asked.status.code().unwrap()));
-    let stored = StoredComparison::read(&place.path("timestamps")).unwrap();
+    let stored = Comparison::read(&place.path("timestamps")).unwrap();
     assert!(stored.faults.iter().all(|fault| fault.reason.contains("timestamps")));
     compared("--launches 2 --out other", ["", "--wrok 2"]).refused("the head build: it ended with");
 }

@@ -10,7 +10,7 @@ use fathom::record::{AuditRow, Clock, PassKind};
 const RESULT: &str = "audit result: ";
 
 /// What is found: the clocks are those of [`KINDS`].
-type Found = (Vec<AuditRow>, [Clock; 3]);
+type AuditResult = (Vec<AuditRow>, [Clock; 3]);
 
 const KINDS: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
@@ -21,7 +21,7 @@ fn child() {
     let gpu = Gpu::open(&Options::default()).expect("the driver opens");
     let audit = audit(&gpu).expect("the audit runs");
     println!("{}", audit_table(&audit));
-    let found: Found = (audit.rows, KINDS.map(|kind| audit.plan.clock(kind)));
+    let found: AuditResult = (audit.rows, KINDS.map(|kind| audit.plan.clock(kind)));
     println!("{RESULT}{}", serde_json::to_string(&found).expect("it is plain data"));
 }
 
@@ -43,7 +43,7 @@ fn agrees_with_itself(folder: &str, prefix: &str) {
     let text = super::child("audit::child", &manifest(folder, prefix));
     println!("{text}");
     let line = text.lines().find_map(|line| line.strip_prefix(RESULT)).unwrap();
-    let (found, clocks): Found = serde_json::from_str(line).unwrap();
+    let (found, clocks): AuditResult = serde_json::from_str(line).unwrap();
     for (kind, clock) in KINDS.into_iter().zip(clocks) {
         let rows: Vec<&AuditRow> = found.iter().filter(|row| row.pass == kind).collect();
         let [a, b] = rows[..] else { panic!("{rows:?}") };

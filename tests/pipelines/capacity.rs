@@ -31,7 +31,7 @@ fn small_machine() -> Capacity {
 #[test]
 fn demands_foresee_what_pipelines_allocate() {
     let gpu = gpu();
-    let mut subjects = Subjects::default().within(&gpu.capacity);
+    let mut subjects = Subjects::default().with_capacity(&gpu.capacity);
     let filters = "caustics.filter=true godrays.filter=true caustics.grid=512";
     let direct = "scalar.mode=direct scalar.pyramid=true volume.cells=[48,48,48]";
     let cases = [
@@ -49,7 +49,7 @@ fn demands_foresee_what_pipelines_allocate() {
     ];
     for case in cases {
         let subject = subject(&mut subjects, case);
-        let foreseen = subject.plan().unwrap().demand.held_bytes();
+        let foreseen = subject.plan().unwrap().demand.allocated_bytes();
         let allocated = subject.build(&gpu).unwrap().allocated_bytes();
         assert_eq!(foreseen, allocated, "{case:?}");
     }
@@ -58,23 +58,23 @@ fn demands_foresee_what_pipelines_allocate() {
 #[test]
 fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
     let capacity = small_machine();
-    let mut subjects = Subjects::default().within(&capacity);
+    let mut subjects = Subjects::default().with_capacity(&capacity);
     let corner = ["hsao", "voxelize", "volume_ao"].map(|pipeline| (pipeline, "corner"));
     for (pipeline, scene) in [("underwater", "plane")].into_iter().chain(corner) {
         let large = (pipeline, scene, "view.width=16384 view.height=16384");
-        let reason = subject(&mut subjects, large).beyond(&capacity).unwrap();
+        let reason = subject(&mut subjects, large).limits_exceeded(&capacity).unwrap();
         let reason = reason.unwrap_or_else(|| panic!("{pipeline}"));
         assert!(reason.starts_with("view.width × view.height: asks"), "{reason}");
         assert!(reason.ends_with("or give --allow-large") && !reason.contains('\n'), "{reason}");
         let plain = subject(&mut subjects, (pipeline, scene, ""));
-        assert_eq!(plain.beyond(&capacity).unwrap(), None);
+        assert_eq!(plain.limits_exceeded(&capacity).unwrap(), None);
     }
 }
 
 #[test]
 fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
     let capacity = small_machine();
-    let mut subjects = Subjects::default().within(&capacity);
+    let mut subjects = Subjects::default().with_capacity(&capacity);
     for case in [
         ("volume_ao", "corner", "ao.rays=5000"),
         ("hsao", "corner", "view.width=4096 view.height=4096"),
@@ -85,10 +85,11 @@ fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
         ),
     ] {
         let subject = subject(&mut subjects, case);
-        let reason = subject.beyond(&capacity).unwrap().unwrap_or_else(|| panic!("{case:?}"));
+        let reason =
+            subject.limits_exceeded(&capacity).unwrap().unwrap_or_else(|| panic!("{case:?}"));
         assert!(reason.contains("a frame would take about"), "{reason}");
         let limits_alone = Capacity::from(capacity.limits.clone());
-        assert_eq!(subject.beyond(&limits_alone).unwrap(), None);
+        assert_eq!(subject.limits_exceeded(&limits_alone).unwrap(), None);
     }
 }
 
@@ -96,11 +97,11 @@ fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
 #[test]
 fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
     let capacity = small_machine();
-    let mut subjects = Subjects::default().within(&capacity);
+    let mut subjects = Subjects::default().with_capacity(&capacity);
     let case = ("scalar_ao", "smoke", "volume.cells=[134217728,1,1]");
     let subject = subject(&mut subjects, case);
     assert!(subject.scene.volume.as_ref().unwrap().data.len() < 1_000);
-    let reason = subject.beyond(&capacity).unwrap().expect("it is beyond the limits");
+    let reason = subject.limits_exceeded(&capacity).unwrap().expect("it is beyond the limits");
     let asked = "volume.cells: asks 134217728 of max_texture_dimension_3d";
     assert!(reason.starts_with(asked), "{reason}");
 }

@@ -9,7 +9,7 @@ use fathom::gpu::{
     SubmitCost, Targets, TimedStage, count, read_buffer, read_texture,
 };
 use fathom::record::{Clock, FaultKind, PassKind};
-use fathom::stages::kit::{Buffer, Dispatch, Group, Pass, RenderSpec, Resources, opaque};
+use fathom::stages::kit::{Bindings, Buffer, Dispatch, DrawPass, RenderSpec, Resources, opaque};
 
 use crate::common::holds;
 
@@ -18,14 +18,14 @@ const EDGE: u32 = 128;
 const INVOCATIONS: u32 = 65_536;
 
 fn open() -> Gpu {
-    let shaders = Some(Folders::of(Folder::at("src/clock/audit")));
+    let shaders = Some(Folders::new(Folder::from_path("src/clock/audit")));
     Gpu::open(&Options { shaders, ..Options::default() }).expect("an adapter is there")
 }
 
 /// A compute and a render stage of some milliseconds on a software adapter.
-struct Work {
+struct BusyWork {
     dispatch: Dispatch,
-    render: Pass,
+    render: DrawPass,
     uniform: Buffer,
     scratch: [wgpu::Buffer; 2],
 }
@@ -39,18 +39,18 @@ fn texture(gpu: &Gpu, width: u32, height: u32, format: wgpu::TextureFormat) -> w
     Resources::new(gpu).target("test", [width, height], format)
 }
 
-impl Work {
+impl BusyWork {
     fn new(gpu: &Gpu) -> Self {
         use wgpu::BufferUsages as Usage;
         let (resources, shader) = (Resources::new(gpu), "kernels");
         let uniform = resources.filled("test", &[0; 16], Usage::UNIFORM | Usage::COPY_DST);
         let results = resources.storage("test", u64::from(INVOCATIONS) * 4);
-        let computed = Group::new(&[&uniform, &results]);
-        let drawn = Group::new(&[&uniform]);
+        let computed = Bindings::new(&[&uniform, &results]);
+        let drawn = Bindings::new(&[&uniform]);
         let format = [opaque(wgpu::TextureFormat::Rgba8Unorm)];
         let groups = [&drawn];
         let spec = RenderSpec::new(shader, &groups, &format);
-        let render = Pass::new(&resources, &spec, [EDGE; 2], wgpu::Color::BLACK);
+        let render = DrawPass::new(&resources, &spec, [EDGE; 2], wgpu::Color::BLACK);
         let dispatch = Dispatch::new(&resources, shader, &[&computed], [INVOCATIONS / 64, 1, 1]);
         Self {
             dispatch: dispatch.expect("it links"),
@@ -115,7 +115,7 @@ fn timer(gpu: &Gpu, most_passes: u32) -> FrameTimer {
 #[test]
 fn stages_and_gaps_make_up_the_envelope() {
     let gpu = open();
-    let work = Work::new(&gpu);
+    let work = BusyWork::new(&gpu);
     let kinds = [PassKind::Host, PassKind::Compute, PassKind::Render, PassKind::Copy];
     let stages: Vec<_> = kinds.into_iter().chain(kinds).map(|kind| work.stage(kind)).collect();
     let frame: Vec<_> = stages.iter().collect();
@@ -123,17 +123,17 @@ fn stages_and_gaps_make_up_the_envelope() {
     for plan in [ClockPlan::fenced(costs), ClockPlan::process_cpu(costs)] {
         let mut timer = FrameTimer::new(&gpu, plan, 16).expect("it is made");
         for _ in 0..5 {
-            let sample = timer.timed(&gpu, &frame).expect("the frame runs");
+            let sample = timer.time_stages(&gpu, &frame).expect("the frame runs");
             assert_eq!(sample.faults, [], "{sample:?}");
             let clocks: Vec<Clock> = sample.stages.iter().map(|stage| stage.clock).collect();
             assert_eq!(clocks, kinds.map(|kind| plan.clock(kind)).repeat(2));
             // Readings are whole nanoseconds since a start, and differences are taken of them.
             assert!(sample.accounting_error() < 1e-6, "{sample:?}");
-            assert!(timer.untimed(&gpu, &frame).expect("the frame runs") > 0.0);
+            assert!(timer.run_stages(&gpu, &frame).expect("the frame runs") > 0.0);
         }
     }
     let mut timer = timer(&gpu, 16);
-    let sample = timer.timed(&gpu, &frame).expect("the frame runs");
+    let sample = timer.time_stages(&gpu, &frame).expect("the frame runs");
     let clocks: Vec<Clock> = sample.stages.iter().map(|stage| stage.clock).collect();
     assert_eq!(clocks, kinds.map(|kind| plan(&gpu).clock(kind)).repeat(2));
     println!("accounting error with timestamps {:.4}", sample.accounting_error());
@@ -144,7 +144,7 @@ fn a_stage_without_passes_is_a_fault() {
     let gpu = open();
     let mut timer = timer(&gpu, 4);
     let idle = encoded(|_| {});
-    let sample = timer.timed(&gpu, &[&idle]).expect("the frame runs");
+    let sample = timer.time_stages(&gpu, &[&idle]).expect("the frame runs");
     assert!(sample.stages[0].ns.is_nan());
     assert_eq!(sample.faults[0].kind, FaultKind::NoPass);
 }
@@ -152,27 +152,27 @@ fn a_stage_without_passes_is_a_fault() {
 #[test]
 fn more_passes_than_queries_is_an_error() {
     let gpu = open();
-    let work = Work::new(&gpu);
+    let work = BusyWork::new(&gpu);
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
     let timed = plan(&gpu).clock(PassKind::Render) == Clock::Timestamp;
     let mut timer = timer(&gpu, 1);
-    timer.timed(&gpu, &[&host, &render]).expect("one pass fits");
-    let outcome = timer.timed(&gpu, &[&host, &render, &render]);
+    timer.time_stages(&gpu, &[&host, &render]).expect("one pass fits");
+    let outcome = timer.time_stages(&gpu, &[&host, &render, &render]);
     assert_eq!(matches!(outcome, Err(DeviceError::TooManyPasses(1))), timed);
-    timer.timed(&gpu, &[&host, &render]).expect("the timer is usable afterwards");
+    timer.time_stages(&gpu, &[&host, &render]).expect("the timer is usable afterwards");
 }
 
 #[test]
 fn many_passes_span_several_query_sets() {
     let gpu = open();
-    let work = Work::new(&gpu);
+    let work = BusyWork::new(&gpu);
     let copy = work.stage(PassKind::Copy);
     let passes = 2100;
     // Copies are on timestamps, too, if renders are.
     let plan = plan(&gpu).with(PassKind::Copy, plan(&gpu).render);
     let mut timer = FrameTimer::new(&gpu, plan, passes).expect("it is made");
     let many = encoded(|scope| (1..passes).for_each(|_| work.copy(scope, 65_536)));
-    let sample = timer.timed(&gpu, &[&many, &copy]).expect("the frame runs");
+    let sample = timer.time_stages(&gpu, &[&many, &copy]).expect("the frame runs");
     // Copies this small may read as nothing. The last pass, whose query is in another set than the first, copies 4 MiB.
     assert!(sample.faults.iter().all(|fault| fault.kind == FaultKind::Zero), "{:?}", sample.faults);
     assert!(sample.stages[1].ns > 0.0, "{:?}", sample.stages);
@@ -181,7 +181,7 @@ fn many_passes_span_several_query_sets() {
 #[test]
 fn invocations_are_counted_exactly() {
     let gpu = open();
-    let work = Work::new(&gpu);
+    let work = BusyWork::new(&gpu);
     let (host, compute, render) =
         (work.stage(PassKind::Host), work.stage(PassKind::Compute), work.stage(PassKind::Render));
     let frame = [&host, &compute, &render, &compute];
@@ -224,7 +224,7 @@ fn every_format_is_read_back_whatever_its_row_length() {
             let color = [ColorTarget { view: &view, clear, slice: None }];
             scope.render(&Targets { color: &color, depth: None }, |_| {});
         });
-        timer.untimed(&gpu, &[&clear]).expect("the frame runs");
+        timer.run_stages(&gpu, &[&clear]).expect("the frame runs");
         let pixels = read_texture(&gpu, &texture).expect("it is read");
         assert_eq!(pixels.data.len(), 37 * 5 * channels);
         for (value, cleared) in pixels.texel(36, 4).iter().zip([0.2, 0.4, 0.6, 1.0]) {
@@ -254,12 +254,12 @@ fn a_buffer_is_read_back() {
 #[test]
 fn a_refused_call_is_an_error_of_its_scope_and_no_other() {
     let gpu = open();
-    let map = |width| gpu.scoped(|| Ok(texture(&gpu, width, 4, wgpu::TextureFormat::R8Unorm)));
+    let map = |width| gpu.catch(|| Ok(texture(&gpu, width, 4, wgpu::TextureFormat::R8Unorm)));
     let too_wide = gpu.limits.max_texture_dimension_2d + 1;
     let is_refused = |error| matches!(error, Some(GpuError::Device(DeviceError::Validation(_))));
     assert!(is_refused(map(too_wide).err()));
     map(4).expect("it is sound again");
-    assert!(is_refused(gpu.scoped(|| map(too_wide).map(drop)).err()));
+    assert!(is_refused(gpu.catch(|| map(too_wide).map(drop)).err()));
 }
 
 #[test]
@@ -273,12 +273,12 @@ fn an_error_outside_any_scope_comes_with_the_next_call_and_once() {
 #[test]
 fn a_lost_device_is_an_error_and_not_a_panic() {
     let gpu = open();
-    let work = Work::new(&gpu);
+    let work = BusyWork::new(&gpu);
     let mut timer = timer(&gpu, 4);
     gpu.device.destroy();
     let render = work.stage(PassKind::Render);
-    assert!(timer.timed(&gpu, &[&render]).is_err());
-    assert!(matches!(timer.untimed(&gpu, &[&render]), Err(DeviceError::Lost(_))));
+    assert!(timer.time_stages(&gpu, &[&render]).is_err());
+    assert!(matches!(timer.run_stages(&gpu, &[&render]), Err(DeviceError::Lost(_))));
     assert!(matches!(gpu.shader("kernels", &[]), Err(GpuError::Device(DeviceError::Lost(_)))));
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, Pixels, read_texture};
-use fathom::pipelines::Drawing;
+use fathom::pipelines::PipelineInstance;
 use fathom::pipelines::hsao::Hsao;
 
 use super::{built, gpu, mean, prepared};

@@ -7,7 +7,7 @@ use std::time::Instant;
 use fathom::Catalog;
 use fathom::gpu::{Gpu, GpuError};
 use fathom::harness::plan::Request;
-use fathom::harness::run::{self, Options};
+use fathom::harness::run::{self, RunOptions};
 use fathom::pipelines::voxelize::Voxelize;
 use fathom::pipelines::{AnyPipeline, PipelineKind};
 use fathom::record::Outcome;
@@ -34,7 +34,7 @@ values = [16, 20, 24, 32]
 static DESTROYING: Mutex<Vec<u64>> = Mutex::new(Vec::new());
 
 fn build(tree: &Value, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, GpuError> {
-    let built = (PipelineKind::of::<Voxelize>().build)(tree, gpu, scene);
+    let built = (PipelineKind::new::<Voxelize>().build)(tree, gpu, scene);
     let is_here = |side: &mut u64| tree["voxel"]["resolution"] == *side;
     if DESTROYING.lock().unwrap().extract_if(.., is_here).count() > 0 {
         gpu.device.destroy();
@@ -66,16 +66,16 @@ fn child() {
     ] {
         *DESTROYING.lock().unwrap() = destroying;
         let mut catalog = Catalog::builtin();
-        catalog.kinds = vec![PipelineKind { build, ..PipelineKind::of::<Voxelize>() }];
+        catalog.kinds = vec![PipelineKind { build, ..PipelineKind::new::<Voxelize>() }];
         let out = place.path(measured.to_string());
-        let options = Options {
+        let options = RunOptions {
             catalog,
             request: Request { experiments: experiments.clone(), ..Request::default() },
             budget_s: Some(600.0),
             precision: Some(1.0),
             out: Some(out.clone()),
             no_ceilings: true,
-            ..Options::default()
+            ..RunOptions::default()
         };
         let goes_on = AtomicBool::new(false);
         let summary = run::run(&options, Instant::now(), &mut |_, _, _| (), &goes_on).unwrap();

@@ -20,7 +20,7 @@ use std::process::Command;
 
 use fathom::gpu::{Gpu, Options, Pixels};
 use fathom::parameter;
-use fathom::pipelines::{Built, Pipeline, PipelineKind};
+use fathom::pipelines::{BuiltPipeline, Pipeline, PipelineKind};
 use fathom::scene::{Scene, SceneFile};
 
 fn gpu() -> Gpu {
@@ -54,13 +54,13 @@ fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &str) -> (Scene, P::Params
         parameter::set(&mut tree, &path, value).unwrap();
     }
     let params: P::Params = fathom::pipelines::read(&tree).unwrap();
-    let scene = Scene::build(&fathom::pipelines::staged(&params, &file).unwrap()).unwrap();
-    gpu.check(&(PipelineKind::of::<P>().plan)(&tree, &scene).unwrap().demand).unwrap();
+    let scene = Scene::build(&fathom::pipelines::apply(&params, &file).unwrap()).unwrap();
+    gpu.check(&(PipelineKind::new::<P>().plan)(&tree, &scene).unwrap().demand).unwrap();
     (scene, params)
 }
 
-fn built<P: Pipeline>(gpu: &Gpu, scene: &Scene, params: &P::Params) -> Built<P> {
-    let pipeline = gpu.scoped(|| Built::<P>::new(gpu, scene, params)).unwrap();
+fn built<P: Pipeline>(gpu: &Gpu, scene: &Scene, params: &P::Params) -> BuiltPipeline<P> {
+    let pipeline = gpu.catch(|| BuiltPipeline::<P>::new(gpu, scene, params)).unwrap();
     gpu.run(&pipeline.stages()).unwrap();
     pipeline
 }

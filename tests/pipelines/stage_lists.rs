@@ -3,7 +3,7 @@
 use fathom::Catalog;
 use fathom::compare::cells::Gates;
 use fathom::embedded::{Folders, SHADERS};
-use fathom::gpu::{Gpu, Options, Stage, refilling, shader_paths};
+use fathom::gpu::{Gpu, Options, Stage, shader_paths, stages_before};
 use fathom::harness::subject::Subjects;
 use fathom::record::Work;
 use fathom::stages::REGISTRY;
@@ -38,7 +38,7 @@ fn every_stage_is_registered_and_pushed_into_a_pipeline() {
 
 #[test]
 fn every_stage_with_a_shader_bears_its_stem() {
-    for path in shader_paths(&Folders::of(SHADERS)) {
+    for path in shader_paths(&Folders::new(SHADERS)) {
         // Stages that differ in a suffix share a shader.
         let bears = |name: &str| {
             let rest = name.strip_prefix(path.as_str());
@@ -57,7 +57,7 @@ fn every_stage_with_a_shader_bears_its_stem() {
 fn what_is_built_runs_what_was_planned_and_declares_its_work() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
     let catalog = Catalog::builtin();
-    let mut subjects = Subjects::of(&catalog).silent();
+    let mut subjects = Subjects::new(&catalog).silent();
     let mut spent = Vec::new();
     for cell in Gates::load(None, catalog.gates).unwrap().configurations {
         let small = ["view.width", "view.height"].map(|path| (path.to_owned(), 16.into()));
@@ -65,7 +65,7 @@ fn what_is_built_runs_what_was_planned_and_declares_its_work() {
         let subject = subjects.subject(&cell.pipeline, &cell.scene, &params).unwrap();
         let built = subject.build(&gpu).unwrap();
         let all = built.stages();
-        let is_spent = |stage: &&&Stage| !refilling(&all, stage).is_empty();
+        let is_spent = |stage: &&&Stage| !stages_before(&all, stage).is_empty();
         spent.extend(
             all.iter().filter(is_spent).map(|stage| format!("{} {}", cell.id, stage.name())),
         );
@@ -73,7 +73,7 @@ fn what_is_built_runs_what_was_planned_and_declares_its_work() {
         assert_eq!(stages, subject.plan().unwrap().stages, "{}", cell.id);
         for stage in built.stages() {
             assert!(stage.work != Work::default(), "{} declares no work", stage.name());
-            let declared = stage.work.fields().into_iter().zip(stage.least_work.fields());
+            let declared = stage.work.fields().into_iter().zip(stage.min_work.fields());
             for ((count, most), (_, least)) in declared {
                 assert!(least <= most, "{}: at least {least} of {most} {count}", stage.name());
             }

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use fathom::Catalog;
 use fathom::gpu::{Gpu, Options};
-use fathom::harness::verify::{Ended, Table, Verified, verify};
-use fathom::pipelines::Drawing;
+use fathom::harness::verify::{CheckTable, FinishedCase, Verified, verify};
+use fathom::pipelines::PipelineInstance;
 use fathom::pipelines::scalar_ao::ScalarAo;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::record::{Feature, Mask};
@@ -46,27 +46,27 @@ fn child_checks() {
 /// All checks with this in their names, sound.
 #[track_caller]
 fn sound(gpu: &Gpu, cases: &[Case], filter: Option<&str>) -> Verified {
-    let done = |case: Ended<'_>| println!("{case}");
+    let done = |case: FinishedCase<'_>| println!("{case}");
     let verified = verify(gpu, cases, filter, done);
     let verified = verified.expect("all cases run");
-    println!("{}", Table(&verified.checks));
+    println!("{}", CheckTable(&verified.checks));
     let unsound = verified.checks.iter().filter(|check| !check.is_sound());
     let unsound: Vec<_> = unsound.cloned().collect();
-    assert!(unsound.is_empty(), "{}\n{}", gpu.adapter.title(), Table(&unsound));
+    assert!(unsound.is_empty(), "{}\n{}", gpu.adapter.title(), CheckTable(&unsound));
     verified
 }
 
 #[test]
 fn a_check_is_sound_only_with_a_control_that_fails() {
     let check = |measured: f64, control: f64| {
-        let check = Check::of(&Rig::new(Gpu::planner().unwrap(), "a/b"), "error");
+        let check = Check::new(&Rig::new(Gpu::planner().unwrap(), "a/b"), "error");
         check.within((0.1, "m"), measured).control("index 1.34", control)
     };
     let (good, failed, blind) = (check(0.05, 0.2), check(0.2, 0.3), check(0.0, 0.0));
     assert!(good.is_sound() && !failed.is_sound() && !blind.is_sound());
     assert!(!check(f64::NAN, 0.2).passed && !check(0.05, f64::NAN).is_sound());
     assert!(!Check { control: Control::default(), ..good.clone() }.is_sound());
-    let table = Table(&[good.with("p99_m", 1.234e-6), failed, blind]).to_string();
+    let table = CheckTable(&[good.with("p99_m", 1.234e-6), failed, blind]).to_string();
     holds(&table, &["ok     a/b", "FAILED a/b", "BLIND  a/b", "0.0500", "p99_m 1.23e-6"]);
 }
 

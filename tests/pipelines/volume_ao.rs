@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, Pixels, read_texture};
 use fathom::pipelines::volume_ao::{Params, VolumeAo};
-use fathom::pipelines::{Built, Drawing};
-use fathom::reference::occlusion::{Attenuation, occlusion};
+use fathom::pipelines::{BuiltPipeline, PipelineInstance};
+use fathom::reference::occlusion::{Obscurity, occlusion};
 use fathom::reference::rays::{PixelRays, Tracer};
 use fathom::scene::Scene;
 use glam::DVec3;
@@ -13,19 +13,19 @@ use rayon::prelude::*;
 
 use super::{built, gpu, mean, prepared};
 
-struct Drawn {
+struct RenderedScene {
     scene: Scene,
     params: Params,
-    pipeline: Built<VolumeAo>,
+    pipeline: BuiltPipeline<VolumeAo>,
 }
 
-fn draw(gpu: &Gpu, scene: &str, set: &str) -> Drawn {
+fn draw(gpu: &Gpu, scene: &str, set: &str) -> RenderedScene {
     let (scene, params) = prepared::<VolumeAo>(gpu, scene, set);
     let pipeline = built::<VolumeAo>(gpu, &scene, &params);
-    Drawn { scene, params, pipeline }
+    RenderedScene { scene, params, pipeline }
 }
 
-impl Drawn {
+impl RenderedScene {
     fn visibility(&self, gpu: &Gpu) -> Pixels {
         read_texture(gpu, &self.pipeline.buffers.raw.1).unwrap()
     }
@@ -40,7 +40,7 @@ impl Drawn {
 }
 
 /// With a small picture and a small volume.
-fn draw_small(gpu: &Gpu, scene: &str, set: &str) -> Drawn {
+fn draw_small(gpu: &Gpu, scene: &str, set: &str) -> RenderedScene {
     let small = "view.width=48 view.height=40 voxel.resolution=32 shadow.size=64 ao.rays=16";
     draw(gpu, scene, &format!("{small} {set}"))
 }
@@ -107,7 +107,7 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
 }
 
 /// RMS and mean of A less that of 256 rays cast from the same pixels.
-fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
+fn error(gpu: &Gpu, drawn: &RenderedScene) -> [f64; 2] {
     let image = drawn.visibility(gpu);
     let gbuffer = &drawn.pipeline.buffers.gbuffer;
     let [depth, normal] = [&gbuffer.depth, &gbuffer.normal].map(|t| read_texture(gpu, t).unwrap());
@@ -123,7 +123,7 @@ fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
             let place = rays.unproject(x as f64 + 0.5, y as f64 + 0.5, depth.data[*i].into());
             let n = [0, 1, 2].map(|k| f64::from(normal.data[4 * i + k]));
             let n = DVec3::from(n).normalize();
-            let exact = occlusion(&tracer, place, n, r_max_m, Attenuation::Linear, 256);
+            let exact = occlusion(&tracer, place, n, r_max_m, Obscurity::Linear, 256);
             1.0 - f64::from(image.data[*i]) - exact
         })
         .collect();

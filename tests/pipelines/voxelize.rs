@@ -2,15 +2,16 @@
 //! geometry in motion.
 
 use fathom::gpu::{Gpu, read_buffer};
-use fathom::pipelines::settings::{Deform, Method};
+use fathom::pipelines::settings::{Deform, VoxelMethod};
 use fathom::pipelines::voxelize::{Params, Voxelize};
-use fathom::pipelines::{Built, Drawing};
+use fathom::pipelines::{BuiltPipeline, PipelineInstance};
 use fathom::scene::{Scene, SceneFile};
 use fathom::stages::voxel::slicemap::Rasterizer;
 
 use super::gpu;
 
-const METHODS: [Method; 4] = [Method::Slicemap, Method::Slice, Method::Overlap, Method::MaxAlpha];
+const METHODS: [VoxelMethod; 4] =
+    [VoxelMethod::Slicemap, VoxelMethod::Slice, VoxelMethod::Overlap, VoxelMethod::MaxAlpha];
 
 /// A floor, a ball and a box beside it, in dry air.
 const SCENE: &str = r#"
@@ -37,26 +38,26 @@ generator = "box"
 transform = { translate_m = [1.0, 0.1, -0.2], rotate_deg = [0.0, 20.0, 0.0] }
 "#;
 
-struct Fixture {
+struct VoxelFixture {
     gpu: Gpu,
     file: SceneFile,
     scene: Scene,
 }
 
-impl Fixture {
+impl VoxelFixture {
     fn new() -> Self {
         let file = SceneFile::parse("test.toml", SCENE).unwrap();
         Self { gpu: gpu(), scene: Scene::build(&file).unwrap(), file }
     }
 
     /// Two frames of the pipeline: what the first leaves behind must not be in the second.
-    fn frames(&self, change: impl FnOnce(&mut Params)) -> Built<Voxelize> {
+    fn frames(&self, change: impl FnOnce(&mut Params)) -> BuiltPipeline<Voxelize> {
         let mut params = Params::from(&self.file);
         params.voxel.resolution = 24;
         (params.view.width, params.view.height) = (16, 16);
         change(&mut params);
-        let make = || Built::<Voxelize>::new(&self.gpu, &self.scene, &params);
-        let pipeline = self.gpu.scoped(make).unwrap();
+        let make = || BuiltPipeline::<Voxelize>::new(&self.gpu, &self.scene, &params);
+        let pipeline = self.gpu.catch(make).unwrap();
         let mut frame = pipeline.stages();
         frame.extend(pipeline.presenting());
         for _ in 0..2 {
@@ -82,7 +83,7 @@ fn by_hand(params: &mut Params, cells: [u32; 3], origin_m: [f64; 3], voxel_m: f6
 
 #[test]
 fn grids_of_all_shapes_and_places() {
-    let fixture = Fixture::new();
+    let fixture = VoxelFixture::new();
     for method in METHODS {
         let frames = |cells: [u32; 3], origin_m: [f64; 3], voxel_m: f64| {
             let pipeline = fixture.frames(|params| {
@@ -95,7 +96,7 @@ fn grids_of_all_shapes_and_places() {
         // Between ball and box.
         assert_eq!(frames([4, 4, 4], [0.0, -0.3, 0.0], 0.02), 0.0, "{method:?}");
         // One voxel around everything: no middle line of its sides need meet the surface.
-        if method == Method::Overlap || method == Method::MaxAlpha {
+        if method == VoxelMethod::Overlap || method == VoxelMethod::MaxAlpha {
             assert_eq!(frames([1, 1, 1], [-3.0, -3.0, -3.0], 6.0), 1.0, "{method:?}");
         }
         // A part of the scene, in rows longer than a copy's alignment.
@@ -106,7 +107,7 @@ fn grids_of_all_shapes_and_places() {
 
 #[test]
 fn methods_agree_but_for_what_they_miss() {
-    let fixture = Fixture::new();
+    let fixture = VoxelFixture::new();
     let count = |method| fixture.occupied(&fixture.frames(|params| params.voxel.method = method));
     let [slicemap, slice, overlap, alpha] = METHODS.map(count);
     assert!((slicemap - slice).abs() <= 0.01 * slice, "{slicemap} {slice}");
@@ -117,14 +118,14 @@ fn methods_agree_but_for_what_they_miss() {
 
 #[test]
 fn each_object_fills_its_own_volume() {
-    let fixture = Fixture::new();
+    let fixture = VoxelFixture::new();
     for method in METHODS {
         let apart = fixture.frames(|params| {
             params.voxel.method = method;
             params.voxel.per_object = true;
         });
         assert_eq!(apart.volumes.len(), 3);
-        let mut alone = Fixture::new();
+        let mut alone = VoxelFixture::new();
         alone.scene.objects.drain(..2);
         let pipeline = alone.frames(|params| params.voxel.method = method);
         assert_eq!(fixture.bits(&apart, 2), alone.bits(&pipeline, 0), "{method:?}");
@@ -133,7 +134,7 @@ fn each_object_fills_its_own_volume() {
 
 #[test]
 fn motion_moves_voxels_and_comes_back() {
-    let fixture = Fixture::new();
+    let fixture = VoxelFixture::new();
     let bits = |deform: Deform, time_s: f64| {
         let pipeline = fixture.frames(|params| {
             params.animation.deform = deform;
@@ -156,7 +157,7 @@ fn motion_moves_voxels_and_comes_back() {
 /// With an amplitude of ten heights small triangles become larger than what the compute shader can hold.
 #[test]
 fn triangles_that_stretch_are_drawn_by_the_hardware() {
-    let fixture = Fixture::new();
+    let fixture = VoxelFixture::new();
     for deform in [Deform::Twist, Deform::Wave] {
         let [mixed, hardware] = [Rasterizer::Mixed, Rasterizer::Hardware].map(|rasterizer| {
             let pipeline = fixture.frames(|params| {

@@ -12,7 +12,7 @@ use itertools::Itertools;
 use super::common::Place;
 
 /// A command line of fathom.
-struct Shown {
+struct CommandLine {
     document: String,
     /// It stands in a sentence, where names in capitals stand for values and what is required may lack.
     is_inline: bool,
@@ -85,7 +85,7 @@ fn calls(text: &str) -> Vec<Vec<String>> {
     text.replace("\\\n", " ").lines().flat_map(commands).filter_map(called).collect()
 }
 
-fn shown() -> Vec<Shown> {
+fn shown() -> Vec<CommandLine> {
     let of_document = |path: PathBuf| {
         let text = fs::read_to_string(&path).unwrap();
         let document = path.file_name().unwrap().to_string_lossy().into_owned();
@@ -106,7 +106,7 @@ fn shown() -> Vec<Shown> {
             }
         };
         let found: Vec<_> = parts.flat_map(of_part).collect();
-        found.into_iter().map(move |(is_inline, words)| Shown {
+        found.into_iter().map(move |(is_inline, words)| CommandLine {
             document: document.clone(),
             is_inline,
             words,
@@ -121,7 +121,7 @@ fn command_lines_that_documents_show_are_understood() {
     let shown = shown();
     let (inline, blocks) = shown.iter().partition::<Vec<_>, _>(|line| line.is_inline);
     assert!(inline.len() > 80 && blocks.len() > 30, "{} and {}", inline.len(), blocks.len());
-    let refused = shown.iter().filter_map(|Shown { document, is_inline, words }| {
+    let refused = shown.iter().filter_map(|CommandLine { document, is_inline, words }| {
         let error = fathom::cli::parse(words).err()?;
         let is_name = [
             MissingRequiredArgument,
@@ -168,7 +168,7 @@ fn command_lines_that_documents_show_run() {
         "no comparison",
     ];
     let mut failed = Vec::new();
-    for Shown { document, words, .. } in shown().into_iter().filter(|line| !line.is_inline) {
+    for CommandLine { document, words, .. } in shown().into_iter().filter(|line| !line.is_inline) {
         let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
         command.args(&words[1..]).current_dir(place.path("clone"));
         let limits = Limits { time: Some(Duration::from_secs(seconds)), interrupted: None };

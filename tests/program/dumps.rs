@@ -30,14 +30,14 @@ impl Dump {
         }
     }
 
-    fn at<T: DeserializeOwned>(&self, pointer: &str) -> T {
+    fn field<T: DeserializeOwned>(&self, pointer: &str) -> T {
         let found = self.about.pointer(pointer).and_then(|value| T::deserialize(value).ok());
         found
             .unwrap_or_else(|| panic!("{pointer} is not found or another type in {:#}", self.about))
     }
 
     fn matrix(&self, pointer: &str) -> DMat4 {
-        DMat4::from_cols_array_2d(&self.at(pointer)).transpose()
+        DMat4::from_cols_array_2d(&self.field(pointer)).transpose()
     }
 
     fn column(&self, name: &str) -> usize {
@@ -85,8 +85,8 @@ fn dumps(gpu: &Gpu, set: &str) -> Dumps {
 fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
     let [x, residual, distance, weight] =
         ["hit_x_m", "residual_m", "distance_m", "weight"].map(|name| photons.column(name));
-    let flux_w: f64 = photons.at("/photons/flux_w");
-    let gamma: f64 = photons.at("/photons/attenuation_per_m");
+    let flux_w: f64 = photons.field("/photons/flux_w");
+    let gamma: f64 = photons.field("/photons/attenuation_per_m");
     let photon = |row: &[f64]| {
         let hit = DVec3::new(row[x], row[x + 1], row[x + 2]);
         let decay = (-gamma * row[distance]).exp();
@@ -99,11 +99,11 @@ fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
 /// The buffer's sum by the description's rules, and the energy of the photons whose hits lie in view.
 fn expected(dumps: &Dumps) -> (f64, f64) {
     let (splat, depth) = (&dumps.splat, &dumps.depth.array);
-    let eye: DVec3 = splat.at("/camera/position_m");
+    let eye: DVec3 = splat.field("/camera/position_m");
     let project = splat.matrix("/camera/view_projection");
     let size = [128.0, 128.0];
     let [a, b, bias_m]: [f64; 3] = ["size_a_px", "size_b_px_m", "depth_bias_m"]
-        .map(|name| splat.at(&format!("/splat/{name}")));
+        .map(|name| splat.field(&format!("/splat/{name}")));
     let conserving = splat.about["photons"]["intensity"] == "conserving";
     let (mut sum, mut energy) = (0.0, 0.0);
     for (hit, photon_w) in landed(&dumps.photons) {
@@ -173,20 +173,20 @@ fn the_light_frustum_and_the_photons_belong_together() {
     let dumps = dumps(&gpu, "water.amplitude_m=0.0");
     let photons = &dumps.photons;
     assert_eq!(photons.array.shape, [64 * 64 * 4, 13]);
-    assert_eq!(photons.at::<Vec<usize>>("/shape"), photons.array.shape);
-    assert_eq!(photons.at::<Vec<Value>>("/columns").len(), 13);
-    assert_eq!(photons.at::<f64>("/params/water/refractive_index"), 1.33);
+    assert_eq!(photons.field::<Vec<usize>>("/shape"), photons.array.shape);
+    assert_eq!(photons.field::<Vec<Value>>("/columns").len(), 13);
+    assert_eq!(photons.field::<f64>("/params/water/refractive_index"), 1.33);
     let project = photons.matrix("/light_frustum/view_projection");
     let inverse = photons.matrix("/light_frustum/inverse");
     assert!((project * inverse - DMat4::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-9));
-    let [area, emitted] =
-        ["grid_area", "emitted_w"].map(|name| photons.at::<f64>(&format!("/light_frustum/{name}")));
+    let [area, emitted] = ["grid_area", "emitted_w"]
+        .map(|name| photons.field::<f64>(&format!("/light_frustum/{name}")));
     assert!(off(area * 9.2, emitted) < 1e-9);
     let place = photons.matrix("/light_frustum/photon_grid").inverse();
     let [count, flux_w, eta] = ["count", "flux_w", "refractive_index"]
-        .map(|name| photons.at::<f64>(&format!("/photons/{name}")));
+        .map(|name| photons.field::<f64>(&format!("/photons/{name}")));
     assert!(off(flux_w * count, emitted) < 1e-5);
-    let forward: DVec3 = photons.at("/light_frustum/forward");
+    let forward: DVec3 = photons.field("/light_frustum/forward");
     let [entry, direction, weight] =
         ["entry_x_m", "direction_x", "weight"].map(|name| photons.column(name));
     let mut judged = 0;

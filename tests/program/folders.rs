@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, ended, failing_beyond, holds, measured, names, records,
-    repetitions, signal, skipped_cell, wait_until, write_records,
+    CommandOutput, Ends, Place, SMALL, cells, ended, failing_beyond, holds, measured, names,
+    records, repetitions, signal, skipped_cell, wait_until, write_records,
 };
 use fathom::record::{Begun, Cell, FolderLock, Outcome, Record, Run, SCHEMA};
 use rand::{RngExt, SeedableRng};
@@ -49,7 +49,7 @@ fn one_of_two(place: &Place, options: &str) -> String {
     holds(&run(place, options).refused(&in_use), &[", since 20"]);
     signal("-INT", first.id());
     signal("-CONT", first.id());
-    let told = Told::of(first.wait_with_output().unwrap(), 130);
+    let told = CommandOutput::check(first.wait_with_output().unwrap(), 130);
     assert!(
         matches!(records(&place.path("out")).last(), Some(Record::End(end)) if end.interrupted)
     );

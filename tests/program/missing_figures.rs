@@ -6,8 +6,8 @@ use std::path::Path;
 use fathom::exporters;
 use fathom::judge::files::RunFile;
 use fathom::record::{self, Record};
-use fathom::report::changes::Changes;
-use fathom::report::{OF_RUNS, Written};
+use fathom::report::changes::RunChanges;
+use fathom::report::{OF_RUNS, Timing};
 use rayon::prelude::*;
 use serde_json::{Map, Value};
 
@@ -64,7 +64,7 @@ const ZERO: fn(&mut Map<String, Value>, &str) = |fields, name| match &mut fields
 fn words(base: &Path, folder: &Path) -> BTreeMap<String, usize> {
     let reading = || record::read(&folder.join("records.jsonl")).unwrap();
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
-    for exporter in OF_RUNS.iter().filter(|exporter| exporter.written == Written::OnRequest) {
+    for exporter in OF_RUNS.iter().filter(|exporter| exporter.written == Timing::OnRequest) {
         let exported = exporters::export(exporter.name, folder, reading());
         files.extend(
             exported.into_iter().flat_map(|it| it.files()).map(|file| (file.name, file.bytes)),
@@ -74,7 +74,8 @@ fn words(base: &Path, folder: &Path) -> BTreeMap<String, usize> {
         (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(&path).unwrap())
     }));
     let changes = [base, folder].map(|of| RunFile::read(&of.join("records.jsonl")).unwrap());
-    let changes = Changes::of_files([&changes[0], &changes[1]], &[]).map(Changes::into_text);
+    let changes =
+        RunChanges::from_files([&changes[0], &changes[1]], &[]).map(RunChanges::into_text);
     files.extend(changes.into_iter().map(|text| ("changes".to_owned(), text.into_bytes())));
     let count = |bytes: &[u8]| {
         let text = String::from_utf8_lossy(bytes).to_lowercase();

@@ -14,7 +14,7 @@ fn changed(line: &str, change: impl FnOnce(&mut Value)) -> String {
     value.to_string()
 }
 
-fn put(place: &Place, folder: &str, lines: &[String]) {
+fn write(place: &Place, folder: &str, lines: &[String]) {
     place.write(format!("{folder}/records.jsonl"), lines.join("\n") + "\n");
 }
 
@@ -28,9 +28,9 @@ fn page(place: &Place, folders: &str) -> String {
 fn two_runs_stand_beside_each_other_under_names_that_tell_them_apart() {
     let place = Place::new();
     let mut lines = some();
-    put(&place, "one", &lines);
+    write(&place, "one", &lines);
     lines[0] = changed(&lines[0], |run| run["adapter"]["driver_info"] = json!("Mesa 23.0"));
-    put(&place, "two", &lines);
+    write(&place, "two", &lines);
     let both = page(&place, "one two");
     holds(&both, &["Mesa 22.3.6", "Mesa 23.0"]);
     assert!(!both.contains("Not shown"));
@@ -55,19 +55,19 @@ fn two_runs_stand_beside_each_other_under_names_that_tell_them_apart() {
 fn what_cannot_be_read_is_left_out_and_named_with_its_reason() {
     let place = Place::new();
     let lines = some();
-    put(&place, "sound", &lines);
+    write(&place, "sound", &lines);
     let mut torn = lines.clone();
     let last = torn.pop().unwrap();
     torn.push(last[..last.len() / 2].to_owned());
     torn[3].truncate(100);
-    put(&place, "torn", &torn);
+    write(&place, "torn", &torn);
     let mut mixed = lines.clone();
     mixed.push(changed(&lines[0], |run| run["schema"] = json!(2)));
     mixed.extend(lines[2..4].iter().cloned());
-    put(&place, "mixed", &mixed);
+    write(&place, "mixed", &mixed);
     let mut foreign = lines.clone();
     foreign[0] = changed(&lines[0], |run| run["schema"] = json!(99));
-    put(&place, "foreign", &foreign);
+    write(&place, "foreign", &foreign);
     let page = page(&place, "sound torn mixed foreign missing");
     let told: Vec<&str> =
         page.split("<li>").filter(|item| item.contains("records.jsonl")).collect();
@@ -88,6 +88,6 @@ fn what_cannot_be_read_is_left_out_and_named_with_its_reason() {
 #[test]
 fn nothing_to_show_is_one_clear_line() {
     let place = Place::new();
-    put(&place, "text", &["my notes".to_owned()]);
+    write(&place, "text", &["my notes".to_owned()]);
     place.fathom("report text missing --out out").ends(2).error("holds no sound record");
 }

@@ -7,11 +7,13 @@ use fathom::reference::optics::refract;
 use glam::DVec3;
 
 /// Rows by column.
-struct Table(Vec<BTreeMap<String, String>>);
+struct QueryTable(Vec<BTreeMap<String, String>>);
 
-impl Table {
-    fn read(text: &str) -> Table {
-        Table(csv::Reader::from_reader(text.as_bytes()).deserialize().map(Result::unwrap).collect())
+impl QueryTable {
+    fn read(text: &str) -> QueryTable {
+        QueryTable(
+            csv::Reader::from_reader(text.as_bytes()).deserialize().map(Result::unwrap).collect(),
+        )
     }
 
     fn text(&self, row: usize, column: &str) -> &str {
@@ -133,7 +135,7 @@ fn occlusion_is_answered_in_the_order_of_the_points_with_its_reference() {
     query(points, "--reference 512 -o out.csv").ends(0);
     let text = place.read("out.csv");
     assert!(text.starts_with("x,y,z,nx,ny,nz,occlusion,reference,error\n"), "{text}");
-    let table = Table::read(&text);
+    let table = QueryTable::read(&text);
     let foot = ["x", "y", "z", "nx", "ny", "nz"].map(|column| table.number(1, column));
     assert_eq!(foot, [0.6, -4.0, 0.0, 0.0, 3.0, 0.0]);
     for (row, range) in [(0, -0.02..0.02), (1, 0.2..0.9), (2, -0.02..0.02)] {

@@ -19,14 +19,14 @@ use std::process::Command;
 
 use common::{Place, lines, reference_of, skipped_cell};
 use fathom::compare::protocol::{Reply, parse_request};
-use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
+use fathom::compare::{cells::Gates, store::Comparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
-use fathom::history::{Findings, History, NewRun, Selection, document, tables};
+use fathom::history::{History, HistoryChanges, NewRun, Selection, document, tables};
 use fathom::record::comparison::Compared;
 use fathom::record::{Definition, Profile, Record};
-use fathom::report::{self, ReportView};
+use fathom::report::{self, Report};
 use fathom::scene::{Mesh, Scene, SceneFile};
 use fathom::{exporters, parameter, pipelines, record};
 use files::gzip;
@@ -44,10 +44,10 @@ const MAX_MEMORY: usize = 1 << 30;
 /// More cells of a generated volume take long to fill, which is no fault: they were asked for.
 const MAX_CELLS: u64 = 1 << 18;
 
-type Answer = Result<(), String>;
-type Reader = fn(&Path) -> Answer;
+type ReadResult = Result<(), String>;
+type Reader = fn(&Path) -> ReadResult;
 
-fn told<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
+fn with_text<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
     result.map_err(|error| format!("{error:#}"))
 }
 
@@ -55,7 +55,7 @@ fn told<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
 fn fuzz<T: std::fmt::Debug>(
     name: &str,
     strategy: impl Strategy<Value = T>,
-    reader: impl Fn(&T) -> Answer,
+    reader: impl Fn(&T) -> ReadResult,
 ) {
     let asked = std::env::var("FATHOM_FUZZ_CASES").ok().map(|text| text.parse().unwrap());
     let cases = asked.unwrap_or(100);
@@ -119,70 +119,70 @@ readers! {
     histories: "history.sqlite", history;
 }
 
-fn scene(path: &Path) -> Answer {
-    let file = told(SceneFile::load(&path.to_string_lossy()))?;
+fn scene(path: &Path) -> ReadResult {
+    let file = with_text(SceneFile::load(&path.to_string_lossy()))?;
     let cells = file.volume.as_ref().map_or([0; 3], |volume| volume.cells);
     if cells.map(u64::from).iter().product::<u64>() > MAX_CELLS {
         return Ok(());
     }
-    told(Scene::build(&file)).map(drop)
+    with_text(Scene::build(&file)).map(drop)
 }
 
-fn raw_volume(path: &Path) -> Answer {
+fn raw_volume(path: &Path) -> ReadResult {
     let name = path.file_name().unwrap().to_string_lossy();
     let text = String::from_utf8(seeds::scenes().remove(1)).unwrap().replace("a.raw", &name);
-    let file = told(SceneFile::parse(&path.to_string_lossy(), &text))?;
-    told(Scene::build(&file)).map(|scene| scene.volume.unwrap().validate().unwrap())
+    let file = with_text(SceneFile::parse(&path.to_string_lossy(), &text))?;
+    with_text(Scene::build(&file)).map(|scene| scene.volume.unwrap().validate().unwrap())
 }
 
-fn experiment(path: &Path) -> Answer {
-    let experiment = told(Experiment::load(&path.to_string_lossy()))?;
+fn experiment(path: &Path) -> ReadResult {
+    let experiment = with_text(Experiment::load(&path.to_string_lossy()))?;
     Profile::ALL
         .into_iter()
-        .try_for_each(|profile| told(experiment.cells(profile, &[], &[])).map(drop))
+        .try_for_each(|profile| with_text(experiment.cells(profile, &[], &[])).map(drop))
 }
 
-fn gates_file(path: &Path) -> Answer {
-    let gates = told(Gates::load(Some(path), ("", "")))?;
-    told(gates.filtered("caustics")).map(drop)
+fn gates_file(path: &Path) -> ReadResult {
+    let gates = with_text(Gates::load(Some(path), ("", "")))?;
+    with_text(gates.filtered("caustics")).map(drop)
 }
 
-fn points_file(path: &Path) -> Answer {
-    told(query::read(path)).map(drop)
+fn points_file(path: &Path) -> ReadResult {
+    with_text(query::read(path)).map(drop)
 }
 
-fn run(path: &Path) -> Answer {
-    let read = told(record::read_good(path))?;
-    let view = ReportView::new(&read.records, None);
+fn run(path: &Path) -> ReadResult {
+    let read = with_text(record::read_good(path))?;
+    let view = Report::new(&read.records, None);
     report::OF_RUNS.iter().for_each(|exporter| drop(exporter.run(&view)));
-    told(NewRun::read(path.parent().unwrap(), "records.jsonl")).map(drop)
+    with_text(NewRun::read(path.parent().unwrap(), "records.jsonl")).map(drop)
 }
 
-fn comparison(path: &Path) -> Answer {
-    let comparison = told(StoredComparison::read(path.parent().unwrap()))?;
-    let verdicts = Verdicts::of(&comparison);
+fn comparison(path: &Path) -> ReadResult {
+    let comparison = with_text(Comparison::read(path.parent().unwrap()))?;
+    let verdicts = Verdicts::judge(&comparison);
     exporters::OF_COMPARISONS.iter().for_each(|format| drop((format.export)(&verdicts)));
     Ok(())
 }
 
 /// What is read can be used.
-fn mesh(path: &Path) -> Answer {
-    told(Mesh::read(path)).map(|mesh| mesh.validate().unwrap())
+fn mesh(path: &Path) -> ReadResult {
+    with_text(Mesh::read(path)).map(|mesh| mesh.validate().unwrap())
 }
 
-fn gltf(path: &Path) -> Answer {
+fn gltf(path: &Path) -> ReadResult {
     let path = path.with_extension("gltf");
     fs::rename(path.with_extension("toml"), &path).unwrap();
     mesh(&path)
 }
 
 /// All that is asked of a history: its runs, its series, and what changed in them.
-fn history(path: &Path) -> Answer {
-    let history = told(History::open(path))?;
-    let runs = told(history.runs(&Selection::default()))?;
+fn history(path: &Path) -> ReadResult {
+    let history = with_text(History::open(path))?;
+    let runs = with_text(history.runs(&Selection::default()))?;
     tables::runs(&runs);
-    let stored = told(history.stored(&Selection::default()))?;
-    let findings = Findings::of(&stored);
+    let stored = with_text(history.load(&Selection::default()))?;
+    let findings = HistoryChanges::find(&stored);
     tables::changes_json(&stored, &findings);
     document::on_page(&stored, &findings);
     Ok(())
@@ -192,7 +192,7 @@ fn history(path: &Path) -> Answer {
 fn messages_of_workers() {
     fuzz("messages", mutated(seeds::messages()), |Input(bytes)| {
         let line = String::from_utf8_lossy(bytes);
-        let reply = told(serde_json::from_str::<Reply>(&line)).map(drop);
+        let reply = with_text(serde_json::from_str::<Reply>(&line)).map(drop);
         match parse_request(&line) {
             Err(Reply::Fault { reason, .. }) => reply.map_err(|_| reason),
             _ => reply,
@@ -209,23 +209,23 @@ fn parameters() {
     let change = (any::<usize>(), any::<usize>(), any::<usize>());
     let strategy = (prop::sample::select(kinds), prop::collection::vec(change, 1..3));
     fuzz("--set", strategy, |(kind, changes)| {
-        let params = told(Subjects::default().subject(kind, &scene, &[]))?.params;
+        let params = with_text(Subjects::default().subject(kind, &scene, &[]))?.params;
         let leaves = parameter::leaves(&params);
         let set = |(leaf, which, by): &(usize, usize, usize)| {
             let leaf = &leaves[leaf % leaves.len()];
             let default = parameter::get(&params, leaf).unwrap().to_string();
             let value = extreme(default.as_bytes(), *which, *by);
-            told(parse_set(&format!("{leaf}={}", String::from_utf8(value).unwrap())))
+            with_text(parse_set(&format!("{leaf}={}", String::from_utf8(value).unwrap())))
         };
         let sets: Vec<_> = changes.iter().map(set).collect::<Result<_, _>>()?;
-        let subject = told(Subjects::default().subject(kind, &scene, &sets))?;
-        told(subject.beyond(&wgpu::Limits::default().into()))?.map_or(Ok(()), Err)
+        let subject = with_text(Subjects::default().subject(kind, &scene, &sets))?;
+        with_text(subject.limits_exceeded(&wgpu::Limits::default().into()))?.map_or(Ok(()), Err)
     });
 }
 
 /// The error of a reader that must refuse what it is given, in one line that holds one of these, and little memory.
 #[track_caller]
-fn refused(what: &str, reasons: &[&str], reader: impl FnOnce() -> Answer) {
+fn refused(what: &str, reasons: &[&str], reader: impl FnOnce() -> ReadResult) {
     let (answer, peak, _) = counted(reader);
     let text = answer.expect_err(what);
     assert_eq!(text.lines().count(), 1, "{what}: {text}");
@@ -315,7 +315,7 @@ fn launches_beyond_what_a_comparison_may_have_do_not_count() {
     });
     let more = lines(launches.map(Record::from));
     place.write("records.jsonl", [seeds::comparisons().remove(0), more.into_bytes()].concat());
-    let read = StoredComparison::read(&place.path("")).unwrap();
+    let read = Comparison::read(&place.path("")).unwrap();
     assert_eq!(read.launches.len(), 200);
     assert!(read.damaged[0].contains("4800 launches"), "{:?}", read.damaged);
 }
@@ -351,7 +351,7 @@ fn what_a_report_allocates_grows_with_its_cells_and_not_with_their_square() {
     for kind in ["defined", "undefined", "scattered"] {
         let [few, many] = [2_000, 8_000].map(|count| {
             let records = cells(count, kind);
-            let (files, _, bytes) = counted(|| report::of_run(&records, None));
+            let (files, _, bytes) = counted(|| report::report_files(&records, None));
             let summary = String::from_utf8_lossy(&files.last().unwrap().bytes).into_owned();
             assert_eq!(summary.contains(" It rises "), kind == "defined", "{summary}");
             bytes

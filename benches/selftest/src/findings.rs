@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{JudgedCell, Verdicts};
 use fathom::record::comparison::Gate;
 use fathom::report::document::Table;
@@ -13,7 +13,7 @@ use crate::trials::Trial;
 
 /// What the trials of one group and the same gates show together.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Findings {
+struct TrialFindings {
     trials: usize,
     /// With a regression of the changed stage, and those in which it is named first.
     caught: usize,
@@ -25,7 +25,7 @@ struct Findings {
     changes: Vec<f64>,
 }
 
-impl Findings {
+impl TrialFindings {
     fn add(&mut self, trial: &Trial, verdicts: &Verdicts<'_>) {
         let is_own = |cell: &&JudgedCell| Some(cell.cell.stage()) == trial.variant.stage();
         let regressions = verdicts.regressions();
@@ -47,11 +47,11 @@ impl Findings {
 }
 
 /// One line for each group of trials.
-pub fn markdown(made: &[(Trial, StoredComparison)]) -> String {
-    let mut groups: BTreeMap<(&str, &[Gate]), Findings> = BTreeMap::new();
+pub fn markdown(made: &[(Trial, Comparison)]) -> String {
+    let mut groups: BTreeMap<(&str, &[Gate]), TrialFindings> = BTreeMap::new();
     for (trial, stored) in made {
         let found = groups.entry((&trial.group, &trial.gates)).or_default();
-        found.add(trial, &Verdicts::of(stored));
+        found.add(trial, &Verdicts::judge(stored));
     }
     let header =
         ["builds", "gates", "trials", "caught", "named first", "others blamed", "measured"];
@@ -83,12 +83,12 @@ mod tests {
     use crate::trials::Variant;
 
     /// A time gate of two stages whose times change by these factors, in each launch by up to 0.4 % less or more.
-    fn timed(trace: f64, compose: f64) -> StoredComparison {
+    fn timed(trace: f64, compose: f64) -> Comparison {
         let cells = ["caustics/trace", "compose"].map(|stage| CellId::new("pool", stage));
         let settings = GateSettings { gates: vec![Gate::Time], ..GateSettings::default() };
         let header =
             ComparisonHeader { settings, cells: cells.to_vec(), ..ComparisonHeader::default() };
-        let mut comparison = StoredComparison::new(header);
+        let mut comparison = Comparison::new(header);
         let measured = [(0, true, 1.0), (0, false, trace), (1, false, compose)];
         for launch in 0..10 {
             comparison.launches.push(Launch { launch, ..Launch::default() });

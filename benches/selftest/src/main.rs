@@ -18,11 +18,11 @@ use anyhow::{Context, Result};
 use clap::Parser;
 use fathom::compare::flow::{self, CompareOptions, Program};
 use fathom::compare::launch::WorkerStart;
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::harness::output::RECORDS;
+use fathom::print;
 use fathom::process::ProcessTree;
 use fathom::record::comparison::GateSettings;
-use fathom::tell;
 use itertools::Itertools;
 
 use crate::patches::Patch;
@@ -34,7 +34,7 @@ static INTERRUPT: AtomicBool = AtomicBool::new(false);
 
 /// Try the gates of `fathom compare` on builds of HEAD whose differences are known; takes hours
 #[derive(Parser)]
-struct Cli {
+struct SelftestCli {
     /// Folder of the trials; those that it holds are not made again
     #[arg(long, value_name = "DIR", default_value = "reports/out/self-test")]
     out: PathBuf,
@@ -44,7 +44,7 @@ struct Cli {
 }
 
 fn main() -> Result<()> {
-    let test = Cli::parse();
+    let test = SelftestCli::parse();
     ctrlc::set_handler(|| INTERRUPT.store(true, Ordering::Relaxed))?;
     std::fs::create_dir_all(&test.out)?;
     let all = trials(&Patch::all()?);
@@ -56,19 +56,19 @@ fn main() -> Result<()> {
     }
     let path = test.out.join("self-test.md");
     std::fs::write(&path, findings::markdown(&made))?;
-    tell::done(path.display());
+    print::status(path.display());
     ended
 }
 
 /// Makes the missing trials until it is interrupted or one fails.
-fn make(test: &Cli, asked: &[&Trial]) -> Result<()> {
+fn make(test: &SelftestCli, asked: &[&Trial]) -> Result<()> {
     let workshop = Workshop::open(Path::new("."))?;
     for (number, trial) in (1..).zip(asked) {
         if INTERRUPT.load(Ordering::Relaxed) {
             break;
         }
         if stored(test, trial)?.is_none() {
-            tell::note(format!("trial {number} of {}: {}", asked.len(), trial.id));
+            print::note(format!("trial {number} of {}: {}", asked.len(), trial.id));
             measure(test, &workshop, trial).with_context(|| format!("trial {}", trial.id))?;
         }
     }
@@ -76,16 +76,16 @@ fn make(test: &Cli, asked: &[&Trial]) -> Result<()> {
 }
 
 /// The trial's comparison, if it came to its end.
-fn stored(test: &Cli, trial: &Trial) -> Result<Option<StoredComparison>> {
+fn stored(test: &SelftestCli, trial: &Trial) -> Result<Option<Comparison>> {
     let folder = test.out.join(&trial.id);
     if !folder.join(RECORDS).is_file() {
         return Ok(None);
     }
-    Ok(Some(StoredComparison::read(&folder)?).filter(StoredComparison::came_to_its_end))
+    Ok(Some(Comparison::read(&folder)?).filter(Comparison::is_complete))
 }
 
 /// Compares a variant with its base.
-fn measure(test: &Cli, workshop: &Workshop, trial: &Trial) -> Result<()> {
+fn measure(test: &SelftestCli, workshop: &Workshop, trial: &Trial) -> Result<()> {
     let program = |label: &str, path: &Path| Program {
         label: label.to_owned(),
         start: WorkerStart::new(path),
@@ -104,8 +104,8 @@ fn measure(test: &Cli, workshop: &Workshop, trial: &Trial) -> Result<()> {
             resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
             checkout: None,
         };
-        let taken = flow::taken(Some(&folder), "", options.resume)?;
-        flow::measure(&options, taken, &INTERRUPT, &|text| tell::note(text)).map(drop)
+        let taken = flow::lock_output(Some(&folder), "", options.resume)?;
+        flow::measure(&options, taken, &INTERRUPT, &|text| print::note(text)).map(drop)
     })
 }
 

@@ -1,6 +1,6 @@
 //! A stage made slower by more work of its own: every entry point of its shader runs a loop before what it did.
 
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::compare::verdict::Verdicts;
 
 /// Iterations in the trial that measures how much slower they make each stage.
@@ -66,9 +66,9 @@ fn entry_with_loop(signature: &str, iterations: u32, condition: Option<&str>) ->
 }
 
 /// Iterations that make a stage slower by about a share, as a comparison shows in which all stages have [`TRIED`] of them.
-pub fn iterations(tried: &StoredComparison, stage: &str, share: f64) -> Option<u32> {
+pub fn iterations(tried: &Comparison, stage: &str, share: f64) -> Option<u32> {
     let cell = tried.header.cells.iter().find(|cell| cell.stage() == stage)?;
-    let judged = Verdicts::of(tried).cells.into_iter().find(|judged| judged.cell == *cell)?;
+    let judged = Verdicts::judge(tried).cells.into_iter().find(|judged| judged.cell == *cell)?;
     let change = judged.time?.change.median;
     let iterations = (share * f64::from(TRIED) / change).round() as u32;
     (change > 0.0).then(|| iterations.max(1))
@@ -109,8 +109,8 @@ mod tests {
             });
             each.collect_vec()
         };
-        let slowed = Folders::of(Folder::at(folder.path().join("shaders"))).and(SHADERS);
-        let (before, after) = (loops(&Folders::of(SHADERS)), loops(&slowed));
+        let slowed = Folders::new(Folder::from_path(folder.path().join("shaders"))).with(SHADERS);
+        let (before, after) = (loops(&Folders::new(SHADERS)), loops(&slowed));
         assert!(before.iter().zip(&after).all(|(before, after)| before < after), "{after:?}");
     }
 }

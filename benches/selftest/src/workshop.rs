@@ -6,10 +6,10 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 use fathom::compare::build::{self, Worktree};
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::harness::catalog::CargoTarget;
 use fathom::record::comparison::Side;
-use fathom::{process, tell};
+use fathom::{print, process};
 
 use crate::INTERRUPT;
 use crate::slowed::{self, TRIED};
@@ -52,7 +52,7 @@ impl Workshop {
     pub fn with<T>(
         &self,
         trial: &Trial,
-        tried: Option<&StoredComparison>,
+        tried: Option<&Comparison>,
         compare: impl FnOnce([PathBuf; 2]) -> Result<T>,
     ) -> Result<T> {
         let base = self.build(Side::Base, "base")?;
@@ -70,7 +70,7 @@ impl Workshop {
         }
         let compared = self.build(Side::Head, &name).and_then(|head| compare([base, head]));
         let mut git = Command::new("git");
-        process::printed(git.arg("-C").arg(checkout).args(["checkout", "--quiet", "."]))
+        process::run_for_stdout(git.arg("-C").arg(checkout).args(["checkout", "--quiet", "."]))
             .map_err(anyhow::Error::msg)?;
         compared
     }
@@ -81,7 +81,7 @@ impl Workshop {
         if program.is_file() {
             return Ok(program);
         }
-        tell::note(format!("building {}", program.display()));
+        print::note(format!("building {}", program.display()));
         let source = &self.worktrees[side as usize].path;
         let touched = source.join(HOLDS_PATH);
         let text = std::fs::read(&touched).and_then(|text| std::fs::write(&touched, text));
@@ -92,24 +92,24 @@ impl Workshop {
             name,
             &FROM_DISK,
             &INTERRUPT,
-            &mut |line| tell::note(line),
+            &mut |line| print::note(line),
         )?;
-        build::keep(&built, &program)?;
+        build::store_program(&built, &program)?;
         Ok(program)
     }
 }
 
 /// Changed files with their new text.
-pub type Changes = BTreeMap<String, String>;
+pub type ChangedFiles = BTreeMap<String, String>;
 
 /// The files of a checkout that a variant changes. `tried` is what [`Variant::Tried`] gave.
 pub fn changes(
     checkout: &Path,
     variant: &Variant,
-    tried: Option<&StoredComparison>,
-) -> Result<Changes> {
+    tried: Option<&Comparison>,
+) -> Result<ChangedFiles> {
     let read = |file: &str| std::fs::read_to_string(checkout.join(file)).context(file.to_owned());
-    let mut changes = Changes::new();
+    let mut changes = ChangedFiles::new();
     let mut slow = |stage: &str, iterations: u32| -> Result<()> {
         let (file, condition) = slowed::shader(stage);
         let text = changes.remove(&file).map_or_else(|| read(&file), Ok)?;

@@ -22,10 +22,10 @@ pub fn new(
     radius_px: u32,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let settings = resources.loop_settings(INFO.name, &BlurUniforms { radius_px });
-    let groups = [&Group::new(&[&settings, source])];
+    let groups = [&Bindings::new(&[&settings, source])];
     let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
     let spec = RenderSpec::new(INFO.name, &groups, &targets);
-    let pass = Pass::new(resources, &spec, kit::size_px(source), wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, kit::size_px(source), wgpu::Color::BLACK)?;
     let work = pass.work(u64::from(2 * radius_px + 1).pow(2), 4);
     Ok(pass.stage(&INFO, work).image())
 }

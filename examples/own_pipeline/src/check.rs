@@ -25,12 +25,14 @@ fn rings(rig: &Rig<'_>) -> Result<Check> {
     let mut params = Params::from(&SceneFile::load("plane")?);
     params.ripples.rings = 5;
     let stage = draw::new(&Resources::new(rig.gpu), SIZE, &params)?;
-    let drawn = rig.drawn(&[&stage], stage.texture(), 0)?;
+    let drawn = rig.draw(&[&stage], stage.texture(), 0)?;
     let wavelength = params.water.wavelength_m / params.water.half_size_m[0];
     let error = |wavelength: f64| {
-        largest(pixels(SIZE).map(|(x, y)| (drawn.at((x, y)) - height([x, y], wavelength, 5)).abs()))
+        largest(
+            pixels(SIZE).map(|(x, y)| (drawn.get((x, y)) - height([x, y], wavelength, 5)).abs()),
+        )
     };
-    Ok(Check::of(rig, "largest error of the height")
+    Ok(Check::new(rig, "largest error of the height")
         .within((TOLERANCE, "1"), error(wavelength))
         .control("wavelength 2 % longer", error(1.02 * wavelength)))
 }
@@ -47,13 +49,13 @@ fn squares(rig: &Rig<'_>) -> Result<Check> {
     let source = noise(SIZE, 3);
     let resources = Resources::new(rig.gpu);
     let stage = blur::new(&resources, &rig.grey(&source), RADIUS_PX)?;
-    let blurred = rig.drawn(&[&stage], stage.texture(), 0)?;
+    let blurred = rig.draw(&[&stage], stage.texture(), 0)?;
     let error = |radius: u32| {
         largest(
-            pixels(SIZE).map(|(x, y)| (blurred.at((x, y)) - mean(&source, [x, y], radius)).abs()),
+            pixels(SIZE).map(|(x, y)| (blurred.get((x, y)) - mean(&source, [x, y], radius)).abs()),
         )
     };
-    Ok(Check::of(rig, "largest error of the mean")
+    Ok(Check::new(rig, "largest error of the mean")
         .within((TOLERANCE, "1"), error(RADIUS_PX))
         .control("a square two pixels narrower", error(RADIUS_PX - 1)))
 }

@@ -32,10 +32,10 @@ pub fn new(
         rings: params.ripples.rings,
     };
     let settings = resources.loop_settings(INFO.name, &uniforms);
-    let groups = [&Group::new(&[&settings])];
+    let groups = [&Bindings::new(&[&settings])];
     let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
     let spec = RenderSpec::new(INFO.name, &groups, &targets);
-    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
     let work = pass.work(0, 4);
     Ok(pass.stage(&INFO, work).image())
 }

@@ -30,13 +30,13 @@ const SHADERS_VARIABLE: &str = "OWN_PIPELINE_SHADERS";
 
 fn main() -> ExitCode {
     let shaders = std::env::var_os(SHADERS_VARIABLE)
-        .map_or_else(|| Folder::of::<Shaders>("own shaders"), Folder::at);
+        .map_or_else(|| Folder::from_embed::<Shaders>("own shaders"), Folder::from_path);
     let catalog = Catalog::builtin()
         .program(env!("CARGO_PKG_NAME"), env!("CARGO_BIN_NAME"))
         .pipeline::<pipeline::Ripples>()
         .shaders(shaders)
-        .scenes(Folder::of::<Scenes>("own scenes"))
-        .only_experiments(Folder::of::<Experiments>("own experiments"))
+        .scenes(Folder::from_embed::<Scenes>("own scenes"))
+        .only_experiments(Folder::from_embed::<Experiments>("own experiments"))
         .checks(check::cases)
         .gates("gates.toml", include_str!("../gates.toml"));
     fathom::cli::main(&catalog)

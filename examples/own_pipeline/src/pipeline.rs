@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, GpuError, read_texture};
-use fathom::pipelines::settings::View;
-use fathom::pipelines::{Drawing, Parameters, Pipeline};
+use fathom::pipelines::settings::Viewport;
+use fathom::pipelines::{Parameters, Pipeline, PipelineInstance};
 use fathom::scene::{Camera, Scene, SceneFile, Water};
 use fathom::stages::kit::Resources;
 
@@ -13,7 +13,7 @@ use crate::{blur, draw};
 fathom::settings! {
     /// Everything that can be set.
     pub struct Params from file: SceneFile {
-        view: View = View::default();
+        view: Viewport = Viewport::default();
         camera: Camera = file.camera.clone();
         water: Water = file.water.clone();
         ripples: RippleSettings = RippleSettings::default();
@@ -43,7 +43,7 @@ impl Pipeline for Ripples {
     type Params = Params;
 
     fn new(resources: &Resources<'_>, _: &Scene, params: &Params) -> Result<Self, GpuError> {
-        let resources = &resources.sized_by("view.width × view.height");
+        let resources = &resources.with_size_hint("view.width × view.height");
         let size_px = [params.view.width, params.view.height];
         let draw = resources.push(draw::new(resources, size_px, params)?);
         let blur = blur::new(resources, &draw, params.ripples.blur_px)?;
@@ -51,7 +51,7 @@ impl Pipeline for Ripples {
     }
 }
 
-impl Drawing for Ripples {
+impl PipelineInstance for Ripples {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }

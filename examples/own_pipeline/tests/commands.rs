@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{CellVerdict, Verdicts};
 use tempfile::TempDir;
 
@@ -17,7 +17,7 @@ fn run(folder: &Path, words: &str) -> Output {
 }
 
 /// Standard output of a command that does well.
-fn told(folder: &Path, words: &str) -> String {
+fn stdout(folder: &Path, words: &str) -> String {
     let out = run(folder, words);
     assert!(out.status.success(), "{words}: {}", String::from_utf8_lossy(&out.stderr));
     String::from_utf8(out.stdout).unwrap()
@@ -25,7 +25,7 @@ fn told(folder: &Path, words: &str) -> String {
 
 #[test]
 fn listings_hold_what_the_crate_brings_beside_what_fathom_brings() {
-    let told = |words| told(Path::new("."), words);
+    let told = |words| stdout(Path::new("."), words);
     let pipelines = told("list pipelines");
     assert!(pipelines.contains("ripples") && pipelines.contains("underwater"), "{pipelines}");
     let stages = told("list stages --pipeline ripples");
@@ -47,15 +47,15 @@ fn listings_hold_what_the_crate_brings_beside_what_fathom_brings() {
 fn pictures_and_outputs_are_written() {
     let folder = TempDir::new().unwrap();
     let puddle = "puddle --pipeline ripples --set view.width=40 --set view.height=30";
-    told(folder.path(), &format!("render {puddle} -o puddle.png"));
+    stdout(folder.path(), &format!("render {puddle} -o puddle.png"));
     assert!(fs::metadata(folder.path().join("puddle.png")).unwrap().len() > 200);
-    told(folder.path(), &format!("dump ripple/draw --scene {puddle} -o ."));
+    stdout(folder.path(), &format!("dump ripple/draw --scene {puddle} -o ."));
     assert!(folder.path().join("ripple-draw-image.npy").exists());
 }
 
 #[test]
 fn checks_are_sound_and_their_controls_fail() {
-    let checks = told(Path::new("."), "verify ripple");
+    let checks = stdout(Path::new("."), "verify ripple");
     for stage in ["ripple/draw", "ripple/blur"] {
         assert!(checks.contains(stage), "{checks}");
     }
@@ -64,12 +64,12 @@ fn checks_are_sound_and_their_controls_fail() {
 #[test]
 fn the_experiment_runs_and_is_told_again_from_its_records() {
     let folder = TempDir::new().unwrap();
-    told(folder.path(), "run --no-ceilings --budget 10m --precision 1 --out run");
+    stdout(folder.path(), "run --no-ceilings --budget 10m --precision 1 --out run");
     let path = folder.path().join("run/summary.md");
     let summary = fs::read_to_string(&path).unwrap();
     assert!(summary.contains("More rings take longer to draw"), "{summary}");
     fs::remove_file(&path).unwrap();
-    told(folder.path(), "report run");
+    stdout(folder.path(), "report run");
     assert_eq!(fs::read_to_string(&path).unwrap(), summary);
 }
 
@@ -97,9 +97,9 @@ fn its_own_compare_catches_a_change_of_its_shader_and_nothing_else() {
     let compare = format!("compare --gates exact,time --launches 2 --pairs 2 {sides} --out out");
     let measured = run(folder, &compare);
     assert_eq!(measured.status.code(), Some(1), "{measured:?}");
-    let comparison = StoredComparison::read(&folder.join("out")).unwrap();
+    let comparison = Comparison::read(&folder.join("out")).unwrap();
     assert!(comparison.faults.is_empty() && comparison.launches.len() >= 2);
-    let verdicts = Verdicts::of(&comparison);
+    let verdicts = Verdicts::judge(&comparison);
     let of = |name: &str| verdicts.cells.iter().find(|cell| cell.cell.as_str() == name).unwrap();
     assert_eq!(of("puddle ripple/draw").verdict, CellVerdict::LessAccurate);
     assert_ne!(of("puddle ripple/blur").verdict, CellVerdict::LessAccurate);

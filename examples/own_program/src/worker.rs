@@ -10,21 +10,19 @@ use fathom_clock::record::PassKind;
 use fathom_clock::record::protocol::{
     GateConfiguration, Greeting, PROTOCOL, Reply, StageKind, WorkerRequest, serve,
 };
-use fathom_clock::{
-    ClockPlan, ColorTarget, StageClock, StageScope, Targets, TimedStage, WatchedDevice,
-};
+use fathom_clock::{ClockPlan, ColorTarget, Device, StageClock, StageScope, Targets, TimedStage};
 use passes::Passes;
 
 const STAGES: [(&str, PassKind); 3] =
     [("ripple", PassKind::Compute), ("blur", PassKind::Compute), ("shade", PassKind::Render)];
 
 /// A pass of the program. It reads what the passes before have left.
-struct Stage<'a> {
+struct PassStage<'a> {
     name: &'static str,
     passes: &'a Passes,
 }
 
-impl TimedStage for Stage<'_> {
+impl TimedStage for PassStage<'_> {
     fn name(&self) -> &'static str {
         self.name
     }
@@ -44,7 +42,7 @@ impl TimedStage for Stage<'_> {
 }
 
 struct Worker {
-    gpu: WatchedDevice,
+    gpu: Device,
     clock: StageClock,
     prepared: BTreeMap<String, Passes>,
 }
@@ -56,7 +54,7 @@ impl Worker {
         let required_features = fathom_clock::features(&adapter);
         let descriptor = wgpu::DeviceDescriptor { required_features, ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))?;
-        let gpu = WatchedDevice::new(&adapter, device, queue);
+        let gpu = Device::new(&adapter, device, queue);
         let clock = StageClock::new(&gpu, plan, 1)?;
         Ok(Self { gpu, clock, prepared: BTreeMap::new() })
     }
@@ -77,8 +75,8 @@ impl Worker {
     fn prepare(&mut self, configuration: GateConfiguration) -> Result<Reply, Box<dyn Error>> {
         let taps = configuration.params.get("taps").and_then(|taps| taps.as_u64()).unwrap_or(16);
         let passes = Passes::new(&self.gpu.device, &self.gpu.queue, u32::try_from(taps)?);
-        let stages = STAGES.map(|(name, _)| Stage { name, passes: &passes });
-        self.clock.timer.untimed(&self.gpu, &stages.each_ref())?;
+        let stages = STAGES.map(|(name, _)| PassStage { name, passes: &passes });
+        self.clock.timer.run_stages(&self.gpu, &stages.each_ref())?;
         self.prepared.insert(configuration.id, passes);
         let stages = STAGES.map(|(name, kind)| StageKind { name: name.to_owned(), kind });
         Ok(Reply::Prepared { stages: stages.into() })
@@ -88,7 +86,7 @@ impl Worker {
         let passes = self.prepared.get(config).ok_or("it is not prepared")?;
         let (name, _) =
             STAGES.into_iter().find(|(known, _)| *known == name).ok_or("no such stage")?;
-        Ok(self.clock.sample(&self.gpu, &[], &Stage { name, passes }, frames)?)
+        Ok(self.clock.sample(&self.gpu, &[], &PassStage { name, passes }, frames)?)
     }
 }
 

@@ -9,17 +9,17 @@ use fathom::quiet::{self, Quiet};
 use fathom::record::comparison::Gate;
 use fathom::record::output::RECORDS;
 use fathom::record::{Cell, Clock, PassKind, Record, Run, read};
-use fathom::report::changes::Changes;
+use fathom::report::changes::RunChanges;
 
 const PASSES: [&str; 3] = ["ripple", "blur", "shade"];
 /// What the clock may take of a program.
-const MOST_LINES: usize = 15;
+const MAX_LINES: usize = 15;
 
 #[test]
 fn the_clock_takes_few_lines_and_the_front_page_shows_them() {
     let own = |line: &&str| ["clock", "frame."].iter().any(|word| line.contains(word));
     let lines: Vec<&str> = include_str!("../src/main.rs").lines().filter(own).collect();
-    assert!((1..=MOST_LINES).contains(&lines.len()), "{lines:#?}");
+    assert!((1..=MAX_LINES).contains(&lines.len()), "{lines:#?}");
     let front_page = include_str!("../../../src/clock/README.md");
     for line in lines {
         assert!(front_page.contains(line.trim()), "the front page lacks `{line}`");
@@ -89,7 +89,7 @@ fn check(run: &Run, cell: &Cell) {
 
 fn reported(folder: &Path) {
     let records = read(&folder.join(RECORDS)).unwrap().records;
-    let files = fathom::report::of_run(&records, Some(folder));
+    let files = fathom::report::report_files(&records, Some(folder));
     let summary = files.iter().find(|file| file.name == "summary.md").expect("there is one");
     let summary = std::str::from_utf8(&summary.bytes).unwrap();
     for text in PASSES.into_iter().chain(["own-program"]) {
@@ -100,7 +100,7 @@ fn reported(folder: &Path) {
 /// Two versions of the program compared, which are one here. What becomes of their times depends on the machine.
 fn compared(folder: &Path) {
     let file = RunFile::read(&folder.join(RECORDS)).expect("it was just written");
-    let changes = Changes::of_files([&file, &file], &Gate::ALL).expect("they compare");
+    let changes = RunChanges::from_files([&file, &file], &Gate::ALL).expect("they compare");
     assert_eq!(changes.status, Status::TimesNotJudged);
     let told = changes.into_text();
     assert!(told.contains("exact figures of 1 cell: same"), "{told}");

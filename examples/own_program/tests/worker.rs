@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use fathom::Catalog;
 use fathom::compare::flow::{self, CompareOptions, Program};
 use fathom::compare::launch::WorkerStart;
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{Status, Verdicts};
 use fathom::record::comparison::{Gate, GateSettings};
 
@@ -15,7 +15,8 @@ use fathom::record::comparison::{Gate, GateSettings};
 fn the_program_is_compared_with_itself() {
     let folder = tempfile::tempdir().unwrap();
     let command = format!("'{}'", env!("CARGO_BIN_EXE_worker"));
-    let program = Program { label: "worker".to_owned(), start: WorkerStart::of_command(&command) };
+    let program =
+        Program { label: "worker".to_owned(), start: WorkerStart::from_command(&command) };
     let options = CompareOptions {
         catalog: Catalog::builtin(),
         programs: [program.clone(), program],
@@ -26,9 +27,9 @@ fn the_program_is_compared_with_itself() {
         resume: false,
         checkout: None,
     };
-    let out = flow::taken(Some(&folder.path().join("out")), "", false).unwrap();
+    let out = flow::lock_output(Some(&folder.path().join("out")), "", false).unwrap();
     let held = flow::measure(&options, out, &AtomicBool::new(false), &|_| ());
-    let stored = StoredComparison::read(&held.expect("it is compared").output.folder).unwrap();
+    let stored = Comparison::read(&held.expect("it is compared").output.folder).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
     let skipped: Vec<Gate> = stored.header.skipped.iter().map(|skip| skip.gate).collect();
     assert_eq!(skipped, [Gate::Exact, Gate::Instructions]);
@@ -36,5 +37,5 @@ fn the_program_is_compared_with_itself() {
     let pairs = stored.pairs.iter().filter(|pair| !pair.second);
     assert_eq!(pairs.clone().count(), 2 * 2 * 7);
     assert!(pairs.into_iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
-    assert_eq!(Verdicts::of(&stored).status, Status::Inconclusive);
+    assert_eq!(Verdicts::judge(&stored).status, Status::Inconclusive);
 }

@@ -33,7 +33,7 @@ pub fn set(command: &mut Command) {
 }
 
 /// The process of the command that this guardian has started, while there is one.
-pub fn guarded(guardian: u32) -> Option<u32> {
+pub fn guarded_child(guardian: u32) -> Option<u32> {
     let children = format!("/proc/{guardian}/task/{guardian}/children");
     std::fs::read_to_string(children).ok()?.split(' ').next()?.parse().ok()
 }
@@ -68,18 +68,18 @@ fn part(parent: u32) -> io::Result<()> {
 fn guard(command: Pid) -> ! {
     close_all();
     let _ = prctl::set_name(c"fathom-guard");
-    let status = ended(command.as_raw());
-    while each_child(kill_one) && waited(0).is_some() {}
+    let status = exit_status(command.as_raw());
+    while each_child(kill_one) && poll_child(0).is_some() {}
     leave(status)
 }
 
 /// The command's status; none where it is to be killed.
-fn ended(command: pid_t) -> Option<c_int> {
+fn exit_status(command: pid_t) -> Option<c_int> {
     let mut awaited = SigSet::empty();
     awaited.add(Signal::SIGCHLD);
     awaited.add(END);
     loop {
-        match waited(libc::WNOHANG)? {
+        match poll_child(libc::WNOHANG)? {
             (0, _) if awaited.wait() == Ok(END) => return None,
             (child, status) if child == command => return Some(status),
             // An orphan has ended, or a child may have.
@@ -89,7 +89,7 @@ fn ended(command: pid_t) -> Option<c_int> {
 }
 
 /// A child that has ended and its status, number 0 where none has; none where there is no child.
-fn waited(options: c_int) -> Option<(pid_t, c_int)> {
+fn poll_child(options: c_int) -> Option<(pid_t, c_int)> {
     let mut status = 0;
     // SAFETY: the status lies on the stack.
     let child = unsafe { libc::waitpid(-1, &mut status, options) };

@@ -48,10 +48,10 @@ fn what_hangs_floods_or_is_interrupted_is_killed_and_said_so() {
 
 #[test]
 fn of_endless_complaints_the_last_lines_are_kept() {
-    let one_line = Listener::start(io::repeat(b'x').take(100 << 20)).heard().to_string();
+    let one_line = StderrReader::start(io::repeat(b'x').take(100 << 20)).finish().to_string();
     assert_eq!(one_line, "x".repeat(MAX_LINE) + "…");
     let many: String = (0..100_000).map(|line| format!("{line}\n")).collect();
-    let heard = Listener::start(io::Cursor::new(many)).heard();
+    let heard = StderrReader::start(io::Cursor::new(many)).finish();
     let lines: Vec<&String> = heard.lines().collect();
     assert_eq!((lines.len(), lines[0].as_str(), lines[19].as_str()), (20, "99980", "99999"));
 }

@@ -1,7 +1,7 @@
 //! The kernels of the audit: a pass of each kind whose work is known.
 
 use crate::frame::{ColorTarget, StageScope, Targets};
-use crate::{DeviceError, TimedStage, WatchedDevice};
+use crate::{Device, DeviceError, TimedStage};
 use fathom_record::PassKind;
 
 /// Edge of the render kernel's target in pixels, and invocations of the compute kernel.
@@ -26,11 +26,11 @@ pub(super) struct Kernels {
 }
 
 impl Kernels {
-    pub(super) fn new(gpu: &WatchedDevice) -> Result<Self, DeviceError> {
+    pub(super) fn new(gpu: &Device) -> Result<Self, DeviceError> {
         use wgpu::BufferUsages as Usage;
         let copy_bytes = if gpu.adapter.software { SOFTWARE_COPY_BYTES } else { GPU_COPY_BYTES };
         let copy_bytes = copy_bytes.min(gpu.limits.max_buffer_size);
-        gpu.scoped(|| {
+        gpu.catch(|| {
             let module = module(gpu);
             Ok(Self {
                 compute: compute_pipeline(gpu, &module),
@@ -44,13 +44,7 @@ impl Kernels {
     }
 
     /// A kernel of this kind with so much work per call.
-    pub(super) fn kernel(
-        &self,
-        gpu: &WatchedDevice,
-        kind: PassKind,
-        work: u32,
-        calls: u32,
-    ) -> Kernel<'_> {
+    pub(super) fn kernel(&self, gpu: &Device, kind: PassKind, work: u32, calls: u32) -> Kernel<'_> {
         let layout = match kind {
             PassKind::Compute => Some(self.compute.get_bind_group_layout(0)),
             PassKind::Render => Some(self.render.get_bind_group_layout(0)),
@@ -68,7 +62,7 @@ impl Kernels {
 }
 
 /// A picture of so many pixels along an edge.
-pub(crate) fn target(gpu: &WatchedDevice, edge: u32) -> wgpu::TextureView {
+pub(crate) fn target(gpu: &Device, edge: u32) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("audit"),
         size: wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: 1 },
@@ -83,7 +77,7 @@ pub(crate) fn target(gpu: &WatchedDevice, edge: u32) -> wgpu::TextureView {
 }
 
 /// The kernels' shader.
-pub(crate) fn module(gpu: &WatchedDevice) -> wgpu::ShaderModule {
+pub(crate) fn module(gpu: &Device) -> wgpu::ShaderModule {
     let descriptor = wgpu::include_wgsl!("kernels.wgsl");
     if !gpu.unchecked {
         return gpu.device.create_shader_module(descriptor);
@@ -95,10 +89,7 @@ pub(crate) fn module(gpu: &WatchedDevice) -> wgpu::ShaderModule {
     }
 }
 
-pub(crate) fn compute_pipeline(
-    gpu: &WatchedDevice,
-    module: &wgpu::ShaderModule,
-) -> wgpu::ComputePipeline {
+pub(crate) fn compute_pipeline(gpu: &Device, module: &wgpu::ShaderModule) -> wgpu::ComputePipeline {
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some("audit/compute"),
         layout: None,
@@ -109,7 +100,7 @@ pub(crate) fn compute_pipeline(
     })
 }
 
-fn render_pipeline(gpu: &WatchedDevice, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+fn render_pipeline(gpu: &Device, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("audit/render"),
         layout: None,

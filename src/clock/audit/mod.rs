@@ -34,7 +34,7 @@ use self::kernels::{Kernel, Kernels};
 use self::verdict::{Series, factor, judge, median};
 use super::frame::{FrameSample, FrameTimer, HostClock, Probe};
 use super::session::FEATURES;
-use super::{DeviceError, StageTime, TimedStage as _, WatchedDevice};
+use super::{Device, DeviceError, StageTime, TimedStage as _};
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Clock, ClockPlan, Conditions, PassKind, SubmitCost, Surrounding};
 
@@ -47,7 +47,7 @@ const GPU_PASS_NS: f64 = 1e6;
 const ROUNDS: usize = 7;
 const MAX_ROUNDS: usize = 56;
 /// No rounds are added after this time in one surrounding.
-const PATIENCE: Duration = Duration::from_secs(6);
+const CALM_TIMEOUT: Duration = Duration::from_secs(6);
 /// N and 2 N work.
 const LEVELS: usize = 2;
 /// Times each kind of pass occurs in a mixed frame.
@@ -71,20 +71,20 @@ pub struct Audit {
 }
 
 /// Audits this adapter's timestamps. Takes some seconds on a software adapter.
-pub fn audit(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
+pub fn audit(gpu: &Device) -> Result<Audit, DeviceError> {
     let kernels = Kernels::new(gpu)?;
-    let mut submissions = Submissions::new(gpu, HostClock::Wall)?;
+    let mut submissions = SubmissionCosts::new(gpu, HostClock::Wall)?;
     submissions.time(gpu, SUBMISSIONS)?;
     let fenced = ClockPlan::fenced(submissions.cost());
     let work = calibrate(gpu, &kernels, fenced)?;
     let mut bench = TimedKernels::new(gpu, &kernels, work, fenced, submissions)?;
     let alone = bench.measure(gpu, Surrounding::Alone, &KINDS)?;
-    let alone: Vec<AuditRow> = alone.into_iter().map(|row| admit(gpu, row)).collect();
+    let alone: Vec<AuditRow> = alone.into_iter().map(|row| check_row(gpu, row)).collect();
     let mut rows = alone.clone();
     let kinds = KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind)).collect();
     rows.extend(mixed(kinds, &alone, |kinds| bench.measure(gpu, Surrounding::Mixed, kinds))?);
     rows.sort_by_key(|row| KINDS.iter().position(|kind| *kind == row.pass));
-    let plan = planned(&rows, bench.submissions.cost());
+    let plan = plan_clocks(&rows, bench.submissions.cost());
     Ok(Audit { rows, plan })
 }
 
@@ -93,8 +93,8 @@ pub fn audit(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
 ///
 /// # Errors
 /// A fault of the device.
-pub fn audit_all(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
-    let one_core = Conditions::here().cores.len() == 1;
+pub fn audit_all(gpu: &Device) -> Result<Audit, DeviceError> {
+    let one_core = Conditions::detect().cores.len() == 1;
     let (by_cpu, plan) = if one_core { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
     if let Some(plan) = plan {
         return Ok(Audit { rows: by_cpu, plan });
@@ -105,7 +105,7 @@ pub fn audit_all(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
 }
 
 /// Timestamps for the kinds of pass of which all rows are sound.
-fn planned(rows: &[AuditRow], cost: SubmitCost) -> ClockPlan {
+fn plan_clocks(rows: &[AuditRow], cost: SubmitCost) -> ClockPlan {
     let sound = |kind: &PassKind| rows.iter().filter(|row| row.pass == *kind).all(|row| row.sound);
     let sound_kinds = KINDS.into_iter().filter(sound);
     sound_kinds.fold(ClockPlan::fenced(cost), |plan, kind| plan.with(kind, Clock::Timestamp))
@@ -113,14 +113,12 @@ fn planned(rows: &[AuditRow], cost: SubmitCost) -> ClockPlan {
 
 /// Audits the CPU time of a process whose driver has one core: a row for each kind of pass, and the plan where all are sound. On a
 /// hardware adapter, and where the system has no such clock, there is nothing to audit.
-pub fn audit_cpu_time(
-    gpu: &WatchedDevice,
-) -> Result<(Vec<AuditRow>, Option<ClockPlan>), DeviceError> {
+pub fn audit_cpu_time(gpu: &Device) -> Result<(Vec<AuditRow>, Option<ClockPlan>), DeviceError> {
     if !gpu.adapter.software || !HostClock::ProcessCpu.is_there() {
         return Ok((Vec::new(), None));
     }
     let kernels = Kernels::new(gpu)?;
-    let mut submissions = Submissions::new(gpu, HostClock::ProcessCpu)?;
+    let mut submissions = SubmissionCosts::new(gpu, HostClock::ProcessCpu)?;
     submissions.time(gpu, SUBMISSIONS)?;
     let fenced = ClockPlan::fenced(submissions.cost());
     let work = calibrate(gpu, &kernels, fenced)?;
@@ -131,14 +129,14 @@ pub fn audit_cpu_time(
 
 /// A row for each kind of pass: the CPU time of the process against the wall clock, both of the same submissions.
 fn process_cpu(
-    gpu: &WatchedDevice,
+    gpu: &Device,
     kernels: &Kernels,
     work: [u32; 3],
     fenced: ClockPlan,
 ) -> Result<Vec<AuditRow>, DeviceError> {
     let mut timer = FrameTimer::new(gpu, fenced, 0)?;
     let mut row = |index: usize| {
-        let mut series = Series::of(Clock::ProcessCpu);
+        let mut series = Series::new(Clock::ProcessCpu);
         let start = Instant::now();
         for round in 1.. {
             for level in 0..LEVELS {
@@ -149,7 +147,7 @@ fn process_cpu(
                 series.push(level, cpu_ns, time.wall_ns, usize::from(cpu_ns <= 0.0));
             }
             let (row, close) = judge(KINDS[index], None, &series);
-            let tired = round >= MAX_ROUNDS || start.elapsed() > PATIENCE;
+            let tired = round >= MAX_ROUNDS || start.elapsed() > CALM_TIMEOUT;
             if round >= ROUNDS && (tired || !close) {
                 return Ok(row);
             }
@@ -199,21 +197,21 @@ fn set_apart(rows: &[AuditRow], alone: &[AuditRow]) -> Vec<PassKind> {
 }
 
 /// Times in ns of submissions that hold the least pass of each kind.
-struct Submissions {
+struct SubmissionCosts {
     clock: HostClock,
     probe: Probe,
     costs: BTreeMap<PassKind, Vec<f64>>,
 }
 
-impl Submissions {
-    fn new(gpu: &WatchedDevice, clock: HostClock) -> Result<Self, DeviceError> {
+impl SubmissionCosts {
+    fn new(gpu: &Device, clock: HostClock) -> Result<Self, DeviceError> {
         Ok(Self { clock, probe: Probe::new(gpu)?, costs: BTreeMap::new() })
     }
 
-    fn time(&mut self, gpu: &WatchedDevice, count: usize) -> Result<(), DeviceError> {
+    fn time(&mut self, gpu: &Device, count: usize) -> Result<(), DeviceError> {
         for kind in KINDS {
             for _ in 0..count {
-                let ns = gpu.scoped(|| self.probe.time(gpu, kind, self.clock))?;
+                let ns = gpu.catch(|| self.probe.time(gpu, kind, self.clock))?;
                 self.costs.entry(kind).or_default().push(ns);
             }
         }
@@ -228,13 +226,13 @@ impl Submissions {
 }
 
 /// Whether the adapter has timestamps for this kind of pass at all.
-fn has_timestamps(gpu: &WatchedDevice, kind: PassKind) -> bool {
+fn has_timestamps(gpu: &Device, kind: PassKind) -> bool {
     let of_passes = wgpu::Features::TIMESTAMP_QUERY;
     gpu.features.contains(if kind == PassKind::Copy { FEATURES } else { of_passes })
 }
 
 /// The row, or why there can be none: it was then timed by the host clock on both sides.
-fn admit(gpu: &WatchedDevice, row: AuditRow) -> AuditRow {
+fn check_row(gpu: &Device, row: AuditRow) -> AuditRow {
     if has_timestamps(gpu, row.pass) {
         return row;
     }
@@ -249,11 +247,7 @@ fn admit(gpu: &WatchedDevice, row: AuditRow) -> AuditRow {
 }
 
 /// N for each kind: the work at which a pass alone takes about as long as is wanted.
-fn calibrate(
-    gpu: &WatchedDevice,
-    kernels: &Kernels,
-    fenced: ClockPlan,
-) -> Result<[u32; 3], DeviceError> {
+fn calibrate(gpu: &Device, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3], DeviceError> {
     let goal_ns = if gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
     let mut timer = FrameTimer::new(gpu, fenced, 0)?;
     let mut work = [FIRST_WORK; 3];
@@ -261,12 +255,13 @@ fn calibrate(
         for _ in 0..CALIBRATION_STEPS {
             let kernel = kernels.kernel(gpu, kind, *work, CALLS);
             // The first frame compiles, and touches fresh memory.
-            timer.timed(gpu, &[&kernel])?;
+            timer.time_stages(gpu, &[&kernel])?;
             let mut ns = f64::INFINITY;
             for _ in 0..CALIBRATION_FRAMES {
                 // The shortest is the least disturbed.
-                ns =
-                    ns.min(timer.timed(gpu, &[&kernel])?.envelope_ns - fenced.submit_cost.of(kind));
+                ns = ns.min(
+                    timer.time_stages(gpu, &[&kernel])?.envelope_ns - fenced.submit_cost.ns(kind),
+                );
             }
             let short_by = goal_ns / ns.max(goal_ns / 1024.0);
             if (0.6..1.6).contains(&short_by) {
@@ -285,16 +280,16 @@ struct TimedKernels<'a> {
     kernels: [[Kernel<'a>; 3]; LEVELS],
     timestamps: FrameTimer,
     fenced: FrameTimer,
-    submissions: Submissions,
+    submissions: SubmissionCosts,
 }
 
 impl<'a> TimedKernels<'a> {
     fn new(
-        gpu: &WatchedDevice,
+        gpu: &Device,
         kernels: &'a Kernels,
         work: [u32; 3],
         fenced: ClockPlan,
-        submissions: Submissions,
+        submissions: SubmissionCosts,
     ) -> Result<Self, DeviceError> {
         let level = |factor: u32| {
             [0, 1, 2].map(|i: usize| kernels.kernel(gpu, KINDS[i], work[i], CALLS * factor))
@@ -310,14 +305,14 @@ impl<'a> TimedKernels<'a> {
         })
     }
 
-    /// A row for each of `kinds`. Rounds are added until no verdict is close or [`PATIENCE`] is over.
+    /// A row for each of `kinds`. Rounds are added until no verdict is close or [`CALM_TIMEOUT`] is over.
     fn measure(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         surrounding: Surrounding,
         kinds: &[PassKind],
     ) -> Result<Vec<AuditRow>, DeviceError> {
-        let mut series: Vec<Series> = kinds.iter().map(|_| Series::of(Clock::Timestamp)).collect();
+        let mut series: Vec<Series> = kinds.iter().map(|_| Series::new(Clock::Timestamp)).collect();
         let start = Instant::now();
         let mut rounds = 0;
         loop {
@@ -338,7 +333,7 @@ impl<'a> TimedKernels<'a> {
                 judge(*kind, apart.as_deref(), series)
             });
             let (rows, close): (Vec<_>, Vec<_>) = judged.unzip();
-            let tired = rounds >= MAX_ROUNDS || start.elapsed() > PATIENCE;
+            let tired = rounds >= MAX_ROUNDS || start.elapsed() > CALM_TIMEOUT;
             if tired || !close.contains(&true) {
                 return Ok(rows);
             }
@@ -348,15 +343,15 @@ impl<'a> TimedKernels<'a> {
     /// Each kernel once alone: both clocks on the same submission.
     fn alone(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         level: usize,
         kinds: &[PassKind],
         series: &mut [Series],
     ) -> Result<(), DeviceError> {
         for (kind, series) in kinds.iter().zip(series) {
             let kernel = kernel(&self.kernels[level], *kind);
-            let sample = self.timestamps.timed(gpu, &[kernel])?;
-            let host_ns = sample.envelope_ns - self.fenced.plan().submit_cost.of(*kind);
+            let sample = self.timestamps.time_stages(gpu, &[kernel])?;
+            let host_ns = sample.envelope_ns - self.fenced.plan().submit_cost.ns(*kind);
             series.push(level, stage_ns(&sample, 0, 1), host_ns, sample.faults.len());
         }
         Ok(())
@@ -365,16 +360,16 @@ impl<'a> TimedKernels<'a> {
     /// The kernels in one command buffer, and then each in its own.
     fn mixed(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         level: usize,
         kinds: &[PassKind],
         series: &mut [Series],
     ) -> Result<(), DeviceError> {
         let once = kinds.iter().map(|kind| kernel(&self.kernels[level], *kind));
         let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
-        let mixed = self.timestamps.timed(gpu, &frame)?;
-        let apart = self.fenced.timed(gpu, &frame)?;
-        let mixed_ns = mixed.envelope_ns - self.fenced.plan().submit_cost.of(kinds[0]);
+        let mixed = self.timestamps.time_stages(gpu, &frame)?;
+        let apart = self.fenced.time_stages(gpu, &frame)?;
+        let mixed_ns = mixed.envelope_ns - self.fenced.plan().submit_cost.ns(kinds[0]);
         let apart_ns: f64 = apart.stages.iter().map(|stage| stage.ns).sum();
         for (index, series) in series.iter_mut().enumerate() {
             let name = frame[index].name();
@@ -391,7 +386,7 @@ fn kernel<'k, 'a>(kernels: &'k [Kernel<'a>; 3], kind: PassKind) -> &'k Kernel<'a
 }
 
 /// Which kinds of pass with timestamps had command buffers of their own; empty if none had.
-fn passes_apart(gpu: &WatchedDevice, kinds: &[PassKind]) -> String {
+fn passes_apart(gpu: &Device, kinds: &[PassKind]) -> String {
     let mut apart =
         KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind) && !kinds.contains(kind));
     let names = apart.join(" and ");
@@ -457,7 +452,7 @@ mod tests {
 
     /// What [`judge`] makes of a clock that reads this share of 5 ms, round by round.
     fn judged(kind: PassKind, mixed: bool, share: f64) -> AuditRow {
-        let mut series = Series::of(Clock::Timestamp);
+        let mut series = Series::new(Clock::Timestamp);
         for round in 0..ROUNDS {
             for level in 0..LEVELS {
                 let host_ns = (5 << level) as f64 * (1e6 + 2e4 * (round % 3) as f64);
@@ -480,7 +475,7 @@ mod tests {
         };
         rows.extend(mixed(KINDS.to_vec(), &rows, measure).unwrap());
         assert_eq!(rows.len(), 2 * KINDS.len());
-        let plan = planned(&rows, SubmitCost::default());
+        let plan = plan_clocks(&rows, SubmitCost::default());
         KINDS.map(|kind| plan.clock(kind))
     }
 
@@ -514,7 +509,7 @@ mod tests {
     /// The verdict on a modelled GPU's timestamps, and the reason.
     fn of_modelled(faults: &[ClockFault]) -> (bool, String) {
         let mut gpu = ModelledGpu::with(faults);
-        let mut series = Series::of(Clock::Timestamp);
+        let mut series = Series::new(Clock::Timestamp);
         for round in 0..ROUNDS {
             for level in 0..LEVELS {
                 let pass_ns = (1 << level) as f64 * (GPU_PASS_NS + 2e4 * (round % 3) as f64 + 7.0);

@@ -24,7 +24,7 @@ const ALONE_QUANTILE: f64 = 0.75;
 const CPU_QUANTILE: f64 = 1.0;
 /// The least such ratio: of a core that others share, all rounds may have to wait. Where the work were done elsewhere, hardly
 /// any CPU time would be left, and it would not double.
-const LEAST_CPU_RATIO: f64 = 0.25;
+const MIN_CPU_RATIO: f64 = 0.25;
 /// Share of durations that may be impossible (zero, negative, stale, longer than the wall).
 const FAULTY_SHARE: f64 = 0.1;
 
@@ -43,7 +43,7 @@ pub(super) struct Series {
 }
 
 impl Series {
-    pub(super) fn of(clock: Clock) -> Self {
+    pub(super) fn new(clock: Clock) -> Self {
         Self {
             clock,
             clock_ns: Default::default(),
@@ -122,7 +122,7 @@ fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<Strin
     }
     let tolerance = if mixed { MIXED_TOLERANCE } else { ALONE_TOLERANCE };
     let by_cpu = series.clock == Clock::ProcessCpu;
-    let waited = |ratio: f64| by_cpu && (LEAST_CPU_RATIO..1.0).contains(&ratio);
+    let waited = |ratio: f64| by_cpu && (MIN_CPU_RATIO..1.0).contains(&ratio);
     let [single, double] = ratios.map(|ratio| if waited(ratio) { 1.0 } else { factor(ratio) });
     // A busy machine spoils the wall's doubling, and not that of the CPU time.
     let host_doubling = doubling(if by_cpu { &series.clock_ns } else { &series.host_ns });
@@ -157,7 +157,7 @@ mod tests {
 
     /// A series of rounds with these times at N, doubled at 2 N, a little noise on each.
     fn series(timestamp_ns: f64, host_ns: f64) -> Series {
-        let mut series = Series::of(Clock::Timestamp);
+        let mut series = Series::new(Clock::Timestamp);
         for round in 0..9 {
             let noise = 1.0 + 0.02 * f64::from(round % 3 - 1);
             series.push(0, timestamp_ns * noise, host_ns, 0);
@@ -193,7 +193,7 @@ mod tests {
 
     /// CPU time of this share of the wall time of an undisturbed round; three of four rounds wait for the core.
     fn by_cpu(share: f64) -> (bool, bool) {
-        let mut series = Series::of(Clock::ProcessCpu);
+        let mut series = Series::new(Clock::ProcessCpu);
         for round in 0..8 {
             let waited = if round % 4 == 0 { 1.5 } else { 2.2 };
             for level in 0..LEVELS {

@@ -1,9 +1,9 @@
 //! Frames whose passes are opened in an encoder of the caller.
 
 use super::host_clock::HostClock;
-use super::scope::{Mode, Query};
+use super::scope::{FrameMode, Query};
 use super::timer::{FrameSample, FrameTimer};
-use crate::{DeviceError, WatchedDevice};
+use crate::{Device, DeviceError};
 use fathom_record::PassKind;
 
 impl FrameTimer {
@@ -17,7 +17,7 @@ impl FrameTimer {
     /// empty one; else the pass has timestamps.
     pub(crate) fn open(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         encoder: &mut wgpu::CommandEncoder,
         (stage, kind): (usize, PassKind),
     ) -> Option<Query<'_>> {
@@ -26,12 +26,12 @@ impl FrameTimer {
             self.cut(gpu, encoder, false);
         }
         let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
-        let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
+        let mode = FrameMode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
         self.recorder.add(mode, stage, kind)
     }
 
     /// The pass that was opened last has ended. Where it is alone in a submission, the encoder is replaced.
-    pub(crate) fn close(&mut self, gpu: &WatchedDevice, encoder: &mut wgpu::CommandEncoder) {
+    pub(crate) fn close(&mut self, gpu: &Device, encoder: &mut wgpu::CommandEncoder) {
         if self.in_fenced_pass() {
             self.cut(gpu, encoder, true);
         }
@@ -39,8 +39,8 @@ impl FrameTimer {
 
     /// Ends a command buffer with what the encoder holds; the encoder is empty then. A command that is refused now is an error
     /// of the frame.
-    fn cut(&mut self, gpu: &WatchedDevice, encoder: &mut wgpu::CommandEncoder, fenced: bool) {
-        let ended = gpu.scoped(|| {
+    fn cut(&mut self, gpu: &Device, encoder: &mut wgpu::CommandEncoder, fenced: bool) {
+        let ended = gpu.catch(|| {
             let next = gpu.device.create_command_encoder(&Default::default());
             self.recorder.push(std::mem::replace(encoder, next), fenced);
             Ok(())
@@ -56,14 +56,14 @@ impl FrameTimer {
     /// Runs the frame, of which the encoder holds the rest. Its stages have these names.
     pub(crate) fn run_timed(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         encoder: wgpu::CommandEncoder,
         names: &[&'static str],
     ) -> Result<FrameSample, DeviceError> {
         if let Some(refused) = self.refused.take() {
             return Err(refused);
         }
-        gpu.scoped(|| {
+        gpu.catch(|| {
             let fenced = self.in_fenced_pass();
             self.recorder.push(encoder, fenced);
             self.recorder.check()?;
@@ -76,13 +76,13 @@ impl FrameTimer {
     /// Runs the encoder's commands in one submission; the time in ns by the plan's host clock.
     pub(crate) fn run_untimed(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         encoder: wgpu::CommandEncoder,
     ) -> Result<f64, DeviceError> {
-        gpu.scoped(|| {
+        gpu.catch(|| {
             self.recorder.push(encoder, false);
             gpu.flush()?;
-            Ok(self.recorder.run(gpu)?.by(HostClock::of(&self.plan)))
+            Ok(self.recorder.run(gpu)?.time_ns(HostClock::from_plan(&self.plan)))
         })
     }
 }

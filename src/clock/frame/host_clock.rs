@@ -19,7 +19,7 @@ pub enum HostClock {
 
 impl HostClock {
     /// What the host reads around submissions and host stages where passes are timed by this plan.
-    pub fn of(plan: &ClockPlan) -> Self {
+    pub fn from_plan(plan: &ClockPlan) -> Self {
         let kinds = [plan.compute, plan.render, plan.copy];
         if kinds.contains(&Clock::ProcessCpu) { Self::ProcessCpu } else { Self::Wall }
     }

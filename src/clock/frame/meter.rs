@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use super::host_clock::HostClock;
 use super::probe::Probe;
-use crate::{DeviceError, WatchedDevice};
+use crate::{Device, DeviceError};
 use fathom_base::statistics::{median, outliers};
 use fathom_record::PassKind;
 
@@ -27,14 +27,14 @@ const DETECTION: f64 = 3.29;
 /// Variance of a median of n normal values: π / 2n times that of one.
 const MEDIAN_VARIANCE: f64 = std::f64::consts::FRAC_PI_2 / WINDOW as f64;
 /// The scatter counts as at least this share of the cost: even if the latest costs are all equal, the next one may differ.
-const LEAST_SIGMA_SHARE: f64 = 0.02;
+const MIN_SIGMA_SHARE: f64 = 0.02;
 /// Smallest passes that are timed before the first segment of a kind, to know the scatter.
 const FIRST_PROBES: usize = 16;
 /// Segments of each kind in a frame before which the cost is measured.
 const PROBES_PER_FRAME: usize = 4;
 
 /// Submissions of each kind that a stage consists of.
-pub(crate) type Submissions = BTreeMap<PassKind, u32>;
+pub(crate) type SubmissionCounts = BTreeMap<PassKind, u32>;
 
 /// The latest costs of a submission, by kind of pass.
 #[derive(Clone, Debug, Default)]
@@ -68,12 +68,12 @@ impl CostMeter {
             return 0.0;
         };
         let latest = Vec::from_iter(latest.iter().copied());
-        outliers(&latest).sigma.max(LEAST_SIGMA_SHARE * median(&latest))
+        outliers(&latest).sigma.max(MIN_SIGMA_SHARE * median(&latest))
     }
 
     /// The duration below which a stage of so many submissions is indistinguishable from one that takes no time, ns. Each submission
     /// scatters independently; the error of the subtracted cost is common to all of a kind.
-    pub fn resolution_ns(&self, submissions: &Submissions) -> f64 {
+    pub fn resolution_ns(&self, submissions: &SubmissionCounts) -> f64 {
         let variance = |(kind, count): (&PassKind, &u32)| {
             let count = f64::from(*count);
             self.sigma_ns(*kind).powi(2) * (count + count.powi(2) * MEDIAN_VARIANCE)
@@ -82,9 +82,8 @@ impl CostMeter {
     }
 }
 
-/// Measures the cost of submissions between the segments of a frame.
 #[derive(Default)]
-pub(super) struct Metering {
+pub(super) struct SubmissionMeter {
     clock: HostClock,
     pub(super) meter: CostMeter,
     probe: Option<Probe>,
@@ -93,9 +92,8 @@ pub(super) struct Metering {
     segments: BTreeMap<PassKind, (usize, usize)>,
 }
 
-impl Metering {
-    /// Costs are measured by this clock.
-    pub(super) fn by(clock: HostClock) -> Self {
+impl SubmissionMeter {
+    pub(super) fn new(clock: HostClock) -> Self {
         Self { clock, ..Self::default() }
     }
 
@@ -110,11 +108,7 @@ impl Metering {
     }
 
     /// Called before a segment that begins with a pass of this kind is submitted.
-    pub(super) fn before(
-        &mut self,
-        gpu: &WatchedDevice,
-        kind: PassKind,
-    ) -> Result<(), DeviceError> {
+    pub(super) fn before(&mut self, gpu: &Device, kind: PassKind) -> Result<(), DeviceError> {
         let Some((count, done)) = self.segments.get_mut(&kind) else {
             return Ok(());
         };
@@ -132,13 +126,13 @@ impl Metering {
         Ok(())
     }
 
-    fn measure(&mut self, gpu: &WatchedDevice, kind: PassKind) -> Result<(), DeviceError> {
+    fn measure(&mut self, gpu: &Device, kind: PassKind) -> Result<(), DeviceError> {
         let ns = self.time(gpu, kind)?;
         self.meter.push(kind, ns);
         Ok(())
     }
 
-    fn time(&mut self, gpu: &WatchedDevice, kind: PassKind) -> Result<f64, DeviceError> {
+    fn time(&mut self, gpu: &Device, kind: PassKind) -> Result<f64, DeviceError> {
         if self.probe.is_none() {
             self.probe = Some(Probe::new(gpu)?);
         }
@@ -174,7 +168,7 @@ mod tests {
         for _ in 0..FIRST_PROBES {
             meter.push(KIND, cost_ns(&mut random, busy));
         }
-        let one = Submissions::from([(KIND, 1)]);
+        let one = SubmissionCounts::from([(KIND, 1)]);
         let (mut differences, mut resolutions) = (Vec::new(), Vec::new());
         for _ in 0..200 {
             meter.push(KIND, cost_ns(&mut random, busy));
@@ -218,10 +212,10 @@ mod tests {
     fn costs_that_are_all_alike_have_a_resolution_and_more_submissions_a_coarser_one() {
         let mut meter = CostMeter::default();
         (0..WINDOW).for_each(|_| meter.push(KIND, 60e3));
-        let of = |count| meter.resolution_ns(&Submissions::from([(KIND, count)]));
+        let of = |count| meter.resolution_ns(&SubmissionCounts::from([(KIND, count)]));
         assert!(of(1) > 0.0);
         assert!(of(4) > 2.0 * of(1) && of(4) < 4.0 * of(1));
-        assert_eq!(meter.resolution_ns(&Submissions::new()), 0.0);
+        assert_eq!(meter.resolution_ns(&SubmissionCounts::new()), 0.0);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::host_clock::HostClock;
 use super::targets::{ColorTarget, Targets, open};
 use crate::audit::kernels::{GROUP_SIZE, compute_pipeline, module, target};
-use crate::{DeviceError, WatchedDevice};
+use crate::{Device, DeviceError};
 use fathom_record::PassKind;
 
 /// The smallest compute pass is one workgroup.
@@ -21,9 +21,9 @@ pub(crate) struct Probe {
 }
 
 impl Probe {
-    pub(crate) fn new(gpu: &WatchedDevice) -> Result<Self, DeviceError> {
+    pub(crate) fn new(gpu: &Device) -> Result<Self, DeviceError> {
         use wgpu::BufferUsages as Usage;
-        gpu.scoped(|| {
+        gpu.catch(|| {
             let compute = compute_pipeline(gpu, &module(gpu));
             let iterations = gpu.buffer("probe", UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
             gpu.queue.write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
@@ -43,7 +43,7 @@ impl Probe {
     /// Time in ns, by this clock, from the submission to the fence of the smallest pass of this kind.
     pub(crate) fn time(
         &self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         kind: PassKind,
         clock: HostClock,
     ) -> Result<f64, DeviceError> {
@@ -54,7 +54,7 @@ impl Probe {
         Ok(clock.now_ns() - submit_ns)
     }
 
-    fn encode(&self, gpu: &WatchedDevice, kind: PassKind) -> wgpu::CommandBuffer {
+    fn encode(&self, gpu: &Device, kind: PassKind) -> wgpu::CommandBuffer {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         match kind {
             PassKind::Compute => {

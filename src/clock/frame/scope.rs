@@ -1,9 +1,9 @@
 //! Encodes a frame: the scope through which stages open their passes, and the resulting command buffers.
 
 use super::host_clock::{HostClock, process_ns, thread_ns};
-use super::meter::Metering;
+use super::meter::SubmissionMeter;
 use super::targets::{Targets, open};
-use crate::{DeviceError, TimedStage, WatchedDevice};
+use crate::{Device, DeviceError, TimedStage};
 use fathom_record::{ClockPlan, PassKind};
 use std::ops::Range;
 
@@ -14,16 +14,15 @@ pub(super) const QUERIES_PER_PASS: u32 = 2;
 /// What a stage opens its passes through.
 pub struct StageScope<'a> {
     recorder: &'a mut Recorder,
-    gpu: &'a WatchedDevice,
-    mode: Mode<'a>,
+    gpu: &'a Device,
+    mode: FrameMode<'a>,
     stage: usize,
-    turn: u32,
+    iteration: u32,
     name: &'static str,
 }
 
-/// What is done to a frame's passes.
 #[derive(Clone, Copy)]
-pub(crate) enum Mode<'a> {
+pub(crate) enum FrameMode<'a> {
     /// Each is timed by the plan's clock for its kind.
     Timed { plan: &'a ClockPlan, sets: &'a [wgpu::QuerySet], max_passes: u32 },
     /// All in one command buffer, nothing is timed.
@@ -32,15 +31,14 @@ pub(crate) enum Mode<'a> {
     Counted { set: &'a wgpu::QuerySet, max_passes: u32 },
 }
 
-impl Mode<'_> {
+impl FrameMode<'_> {
     /// A pass of this kind has a command buffer of its own.
     fn fences(&self, kind: PassKind) -> bool {
-        matches!(self, Mode::Timed { plan, .. } if plan.fences(kind))
+        matches!(self, FrameMode::Timed { plan, .. } if plan.fences(kind))
     }
 }
 
-/// One pass of an encoded frame.
-pub(crate) struct Pass {
+pub(crate) struct EncodedPass {
     pub(crate) stage: usize,
     pub(super) kind: PassKind,
     /// The number of its pair of timestamps, or of its statistics.
@@ -48,7 +46,7 @@ pub(crate) struct Pass {
 }
 
 /// One command buffer of an encoded frame, and which of the frame's passes it holds.
-struct Segment {
+struct CommandSegment {
     commands: wgpu::CommandBuffer,
     passes: Range<usize>,
     fenced: bool,
@@ -65,8 +63,8 @@ pub(super) struct HostWork {
 pub(crate) struct Recorder {
     clock: HostClock,
     encoder: Option<wgpu::CommandEncoder>,
-    segments: Vec<Segment>,
-    pub(crate) passes: Vec<Pass>,
+    segments: Vec<CommandSegment>,
+    pub(crate) passes: Vec<EncodedPass>,
     pub(super) host: Vec<HostWork>,
     /// Passes before the open encoder's first.
     closed: usize,
@@ -76,23 +74,22 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Host stages and segments are timed by this clock.
-    pub(super) fn by(clock: HostClock) -> Self {
+    pub(super) fn new(clock: HostClock) -> Self {
         Self { clock, ..Self::default() }
     }
 
     /// Encodes a whole frame.
     pub(crate) fn record<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
-        mode: Mode<'_>,
+        gpu: &Device,
+        mode: FrameMode<'_>,
         stages: &[&S],
     ) -> Result<(), DeviceError> {
         self.reset();
-        for (stage, turn) in order(stages) {
+        for (stage, iteration) in order(stages) {
             let encode = stages[stage];
             let name = encode.name();
-            encode.encode(&mut StageScope { recorder: self, gpu, mode, stage, turn, name });
+            encode.encode(&mut StageScope { recorder: self, gpu, mode, stage, iteration, name });
         }
         self.close(false);
         self.check()
@@ -119,7 +116,7 @@ impl Recorder {
     /// Ends a command buffer, which holds the passes since the one before.
     pub(super) fn push(&mut self, encoder: wgpu::CommandEncoder, fenced: bool) {
         let passes = self.closed..self.passes.len();
-        self.segments.push(Segment { commands: encoder.finish(), passes, fenced });
+        self.segments.push(CommandSegment { commands: encoder.finish(), passes, fenced });
         self.closed = self.passes.len();
     }
 
@@ -131,28 +128,28 @@ impl Recorder {
     /// Notes a pass, and gives its queries.
     pub(super) fn add<'q>(
         &mut self,
-        mode: Mode<'q>,
+        mode: FrameMode<'q>,
         stage: usize,
         kind: PassKind,
     ) -> Option<Query<'q>> {
         let number = self.take_query(mode, kind);
-        self.passes.push(Pass { stage, kind, query: number });
+        self.passes.push(EncodedPass { stage, kind, query: number });
         number.map(|number| match mode {
-            Mode::Timed { sets, .. } => {
+            FrameMode::Timed { sets, .. } => {
                 let index = number * QUERIES_PER_PASS;
                 let set = &sets[(index / QUERIES_PER_SET) as usize];
                 Query { set, first: index % QUERIES_PER_SET }
             }
-            Mode::Counted { set, .. } => Query { set, first: number },
-            Mode::Untimed => unreachable!("an untimed pass takes no query"),
+            FrameMode::Counted { set, .. } => Query { set, first: number },
+            FrameMode::Untimed => unreachable!("an untimed pass takes no query"),
         })
     }
 
     /// The number of the next pass's query, if it has one.
-    fn take_query(&mut self, mode: Mode<'_>, kind: PassKind) -> Option<u32> {
+    fn take_query(&mut self, mode: FrameMode<'_>, kind: PassKind) -> Option<u32> {
         let max_passes = match mode {
-            Mode::Timed { max_passes, .. } if !mode.fences(kind) => max_passes,
-            Mode::Counted { max_passes, .. } if kind != PassKind::Copy => max_passes,
+            FrameMode::Timed { max_passes, .. } if !mode.fences(kind) => max_passes,
+            FrameMode::Counted { max_passes, .. } if kind != PassKind::Copy => max_passes,
             _ => return None,
         };
         if self.queries >= max_passes {
@@ -169,7 +166,7 @@ impl Recorder {
     }
 
     /// Submits what the host stages have queued, so that no pass and no gap contains it.
-    fn flush_host_writes(&self, gpu: &WatchedDevice) -> Result<(), DeviceError> {
+    fn flush_host_writes(&self, gpu: &Device) -> Result<(), DeviceError> {
         if self.host.is_empty() {
             return Ok(());
         }
@@ -181,7 +178,7 @@ impl Recorder {
     }
 
     /// Submits all segments at once and waits for them.
-    pub(crate) fn run(&mut self, gpu: &WatchedDevice) -> Result<HostTime, DeviceError> {
+    pub(crate) fn run(&mut self, gpu: &Device) -> Result<HostTime, DeviceError> {
         self.flush_host_writes(gpu)?;
         let before_ns = process_ns();
         let start_ns = HostClock::Wall.now_ns();
@@ -196,7 +193,7 @@ impl Recorder {
     }
 
     /// Submits all segments at once and waits for them. Returns what this thread took until the submission returned, in ns.
-    pub(super) fn submit(&mut self, gpu: &WatchedDevice) -> Result<f64, DeviceError> {
+    pub(super) fn submit(&mut self, gpu: &Device) -> Result<f64, DeviceError> {
         self.flush_host_writes(gpu)?;
         let start_ns = thread_ns();
         let index = gpu.queue.submit(self.segments.drain(..).map(|segment| segment.commands));
@@ -208,8 +205,8 @@ impl Recorder {
     /// Submits the segments one after the other, each waited for. Between them the cost of a submission is measured.
     pub(super) fn run_segments(
         &mut self,
-        gpu: &WatchedDevice,
-        metering: &mut Metering,
+        gpu: &Device,
+        metering: &mut SubmissionMeter,
         spans: &mut Vec<Span>,
     ) -> Result<(), DeviceError> {
         self.flush_host_writes(gpu)?;
@@ -217,7 +214,7 @@ impl Recorder {
         let kinds = self.segment_kinds();
         metering.begin(&kinds, self.segments.iter().any(|segment| segment.fenced));
         for (segment, kind) in self.segments.drain(..).zip(kinds) {
-            let Segment { commands, passes, fenced } = segment;
+            let CommandSegment { commands, passes, fenced } = segment;
             let metered_ns = self.clock.now_ns();
             metering.before(gpu, kind)?;
             let submit_ns = self.clock.now_ns();
@@ -231,7 +228,7 @@ impl Recorder {
 
     /// Kind of each segment's first pass.
     fn segment_kinds(&self) -> Vec<PassKind> {
-        let first = |segment: &Segment| self.passes[segment.passes.clone()].first();
+        let first = |segment: &CommandSegment| self.passes[segment.passes.clone()].first();
         let kind = |segment| first(segment).map_or(PassKind::Host, |pass| pass.kind);
         self.segments.iter().map(kind).collect()
     }
@@ -241,8 +238,8 @@ impl Recorder {
 fn order<S: TimedStage + ?Sized>(stages: &[&S]) -> Vec<(usize, u32)> {
     let mut order = Vec::new();
     let mut first = 0;
-    for group in stages.chunk_by(|a, b| a.turns() == b.turns()) {
-        let turns = group[0].turns();
+    for group in stages.chunk_by(|a, b| a.iterations() == b.iterations()) {
+        let turns = group[0].iterations();
         let all = first..first + group.len();
         order.extend((0..turns).flat_map(|turn| all.clone().map(move |stage| (stage, turn))));
         first += group.len();
@@ -259,7 +256,7 @@ pub struct HostTime {
 }
 
 impl HostTime {
-    pub(super) fn by(self, clock: HostClock) -> f64 {
+    pub(super) fn time_ns(self, clock: HostClock) -> f64 {
         match clock {
             HostClock::Wall => self.wall_ns,
             HostClock::ProcessCpu => self.process_ns.unwrap_or(self.wall_ns),
@@ -314,22 +311,21 @@ impl<'a> Query<'a> {
     }
 }
 
-/// The queries of a pass.
-struct Queries<'a> {
+struct PassQueries<'a> {
     timestamps: Option<Query<'a>>,
     statistics: Option<Query<'a>>,
 }
 
 impl<'a> StageScope<'a> {
-    /// Which of the stage's [`turns`](TimedStage::turns) this is.
+    /// Which of the stage's [`turns`](TimedStage::iterations) this is.
     pub fn turn(&self) -> u32 {
-        self.turn
+        self.iteration
     }
 
     /// A compute pass.
     pub fn compute(&mut self, f: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
         let label = Some(self.name);
-        let (encoder, Queries { timestamps, statistics }) = self.begin(PassKind::Compute);
+        let (encoder, PassQueries { timestamps, statistics }) = self.begin(PassKind::Compute);
         let timestamp_writes = timestamps.map(Query::of_compute);
         let descriptor = wgpu::ComputePassDescriptor { label, timestamp_writes };
         let mut pass = encoder.begin_compute_pass(&descriptor);
@@ -362,10 +358,10 @@ impl<'a> StageScope<'a> {
         mut f: impl FnMut(usize, &mut wgpu::RenderPass<'_>),
     ) {
         let name = self.name;
-        let counted = matches!(self.mode, Mode::Counted { .. });
+        let counted = matches!(self.mode, FrameMode::Counted { .. });
         let at_once = if counted { 1 } else { passes.len().max(1) };
         for (series, begin) in passes.chunks(at_once).zip((0..).step_by(at_once)) {
-            let (encoder, Queries { timestamps, statistics }) = self.begin(PassKind::Render);
+            let (encoder, PassQueries { timestamps, statistics }) = self.begin(PassKind::Render);
             for (place, targets) in series.iter().enumerate() {
                 let (first, last) = (place == 0, place + 1 == series.len());
                 let timestamps = timestamps.filter(|_| first || last);
@@ -385,7 +381,7 @@ impl<'a> StageScope<'a> {
 
     /// Copies and clears. `f` must not open passes of its own: they would count as copying.
     pub fn copy(&mut self, f: impl FnOnce(&mut wgpu::CommandEncoder)) {
-        let (encoder, Queries { timestamps, .. }) = self.begin(PassKind::Copy);
+        let (encoder, PassQueries { timestamps, .. }) = self.begin(PassKind::Copy);
         if let Some(Query { set, first }) = timestamps {
             encoder.write_timestamp(set, first);
         }
@@ -407,14 +403,14 @@ impl<'a> StageScope<'a> {
     }
 
     /// Records a pass, and returns the encoder to open it in and its queries.
-    fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, Queries<'a>) {
+    fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, PassQueries<'a>) {
         if self.mode.fences(kind) {
             self.recorder.close(false);
         }
         let query = self.recorder.add(self.mode, self.stage, kind);
         let queries = match self.mode {
-            Mode::Counted { .. } => Queries { timestamps: None, statistics: query },
-            _ => Queries { timestamps: query, statistics: None },
+            FrameMode::Counted { .. } => PassQueries { timestamps: None, statistics: query },
+            _ => PassQueries { timestamps: query, statistics: None },
         };
         let encoder = self.recorder.encoder.get_or_insert_with(|| {
             self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())

@@ -7,10 +7,10 @@ use fathom_record::Clock;
 pub trait TimedStage {
     /// The name under which the time is recorded.
     fn name(&self) -> &'static str;
-    /// Opens the stage's passes. Called once per frame, or once for each of its [`turns`](Self::turns).
+    /// Opens the stage's passes. Called once per frame, or once for each of its [`turns`](Self::iterations).
     fn encode(&self, scope: &mut StageScope<'_>);
     /// How often the stage is encoded in a frame. Neighbours with the same number of turns, more than one, take them together.
-    fn turns(&self) -> u32 {
+    fn iterations(&self) -> u32 {
         1
     }
 }
@@ -31,7 +31,7 @@ pub struct StageTime {
 
 impl StageTime {
     /// Of a stage that did nothing.
-    pub fn none(stage: &str) -> Self {
+    pub fn zero(stage: &str) -> Self {
         let (stage, clock) = (stage.into(), Clock::Host);
         Self { stage, clock, ns: 0.0, submit_cost_ns: 0.0, resolution_ns: 0.0 }
     }

@@ -3,14 +3,14 @@
 use std::fmt;
 
 use super::host_clock::{HostClock, thread_ns};
-use super::meter::{CostMeter, Metering, Submissions};
-use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
+use super::meter::{CostMeter, SubmissionCounts, SubmissionMeter};
+use super::scope::{FrameMode, HostTime, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
 use crate::queries::{QueryResults, RESULT_BYTES};
-use crate::{DeviceError, StageTime, TimedStage, WatchedDevice};
+use crate::{Device, DeviceError, StageTime, TimedStage};
 use fathom_record::{Clock, ClockPlan, FaultKind, PassKind};
 
 /// Vulkan's least number of valid bits of a timestamp. The others are zero.
-const LEAST_VALID_BITS: u32 = 36;
+const MIN_VALID_BITS: u32 = 36;
 /// A timestamp duration may exceed its segment's wall time by this factor: two clocks differ by about as much.
 const WALL_TOLERANCE: f64 = 1.01;
 
@@ -25,7 +25,7 @@ pub struct FrameSample {
     /// submissions.
     pub envelope_ns: f64,
     /// Impossible durations. Discard a frame that has any.
-    pub faults: Vec<Fault>,
+    pub faults: Vec<RejectedTime>,
 }
 
 impl FrameSample {
@@ -49,14 +49,14 @@ pub struct HostCost {
 
 /// A stage's duration that was not accepted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fault {
+pub struct RejectedTime {
     pub stage: &'static str,
     pub kind: FaultKind,
     /// The duration as read.
     pub ns: f64,
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for RejectedTime {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {} ({} ns)", self.stage, self.kind.reason(), self.ns)
     }
@@ -72,7 +72,7 @@ pub struct FrameTimer {
     pub(super) max_passes: u32,
     pub(super) queries: Option<Queries>,
     pub(super) recorder: Recorder,
-    metering: Metering,
+    metering: SubmissionMeter,
     spans: Vec<Span>,
     /// Of the frame's timestamped passes, in order.
     ticks: Vec<Ticks>,
@@ -92,7 +92,7 @@ pub(super) struct Queries {
 
 impl FrameTimer {
     /// A timer for frames of at most `max_passes` passes on the timestamp clock.
-    pub fn new(gpu: &WatchedDevice, plan: ClockPlan, max_passes: u32) -> Result<Self, DeviceError> {
+    pub fn new(gpu: &Device, plan: ClockPlan, max_passes: u32) -> Result<Self, DeviceError> {
         let timestamps = PassKind::TIMED.map(|kind| plan.clock(kind)).contains(&Clock::Timestamp);
         let queries =
             if timestamps && max_passes > 0 { Some(Queries::new(gpu, max_passes)?) } else { None };
@@ -101,8 +101,8 @@ impl FrameTimer {
             period_ns: f64::from(gpu.adapter.timestamp_period_ns),
             max_passes,
             queries,
-            recorder: Recorder::by(HostClock::of(&plan)),
-            metering: Metering::by(HostClock::of(&plan)),
+            recorder: Recorder::new(HostClock::from_plan(&plan)),
+            metering: SubmissionMeter::new(HostClock::from_plan(&plan)),
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
@@ -116,14 +116,14 @@ impl FrameTimer {
     }
 
     /// Runs one frame with every stage timed.
-    pub fn timed<S: TimedStage + ?Sized>(
+    pub fn time_stages<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         stages: &[&S],
     ) -> Result<FrameSample, DeviceError> {
-        gpu.scoped(|| {
+        gpu.catch(|| {
             let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
-            let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
+            let mode = FrameMode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
             self.recorder.record(gpu, mode, stages)?;
             self.run_segments(gpu)
         })?;
@@ -132,22 +132,22 @@ impl FrameTimer {
 
     /// Runs one frame in one submission with nothing timed within. Returns the time from the submission to the fence and the
     /// host stages, in ns by the plan's host clock.
-    pub fn untimed<S: TimedStage + ?Sized>(
+    pub fn run_stages<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         stages: &[&S],
     ) -> Result<f64, DeviceError> {
-        Ok(self.on_host(gpu, stages)?.by(HostClock::of(&self.plan)))
+        Ok(self.on_host(gpu, stages)?.time_ns(HostClock::from_plan(&self.plan)))
     }
 
-    /// Runs one frame as [`Self::untimed`] does and also reads the process's CPU time.
+    /// Runs one frame as [`Self::run_stages`] does and also reads the process's CPU time.
     pub fn on_host<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         stages: &[&S],
     ) -> Result<HostTime, DeviceError> {
-        gpu.scoped(|| {
-            self.recorder.record(gpu, Mode::Untimed, stages)?;
+        gpu.catch(|| {
+            self.recorder.record(gpu, FrameMode::Untimed, stages)?;
             self.recorder.run(gpu)
         })
     }
@@ -155,10 +155,10 @@ impl FrameTimer {
     /// Kind of each stage's first pass; `Host` for a stage that opens none. Encodes a frame and drops it.
     pub fn kinds<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         stages: &[&S],
     ) -> Result<Vec<PassKind>, DeviceError> {
-        gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages))?;
+        gpu.catch(|| self.recorder.record(gpu, FrameMode::Untimed, stages))?;
         let passes = &self.recorder.passes;
         let first = |stage: usize| passes.iter().find(|pass| pass.stage == stage);
         let kinds = (0..stages.len())
@@ -172,40 +172,40 @@ impl FrameTimer {
     /// encoded once before, as the first ones find the caches cold after a frame of a software driver (twice their time).
     pub fn host_cost<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         stages: &[&S],
     ) -> Result<HostCost, DeviceError> {
         let mut encode_ns = |stages: &[&S]| {
             let start_ns = thread_ns();
-            let recorded = gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages));
+            let recorded = gpu.catch(|| self.recorder.record(gpu, FrameMode::Untimed, stages));
             recorded.map(|()| thread_ns() - start_ns)
         };
         stages.iter().try_for_each(|stage| encode_ns(&[stage]).map(drop))?;
         let stages_ns = stages.iter().map(|stage| encode_ns(&[stage])).collect::<Result<_, _>>()?;
         let frame_ns = encode_ns(stages)?;
-        let submit_ns = gpu.scoped(|| self.recorder.submit(gpu))?;
+        let submit_ns = gpu.catch(|| self.recorder.submit(gpu))?;
         Ok(HostCost { stages_ns, frame_ns, submit_ns })
     }
 
     /// Encodes a frame up to its finished command buffer, and drops it.
     pub fn encode<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &WatchedDevice,
+        gpu: &Device,
         stages: &[&S],
     ) -> Result<(), DeviceError> {
-        gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages))?;
+        gpu.catch(|| self.recorder.record(gpu, FrameMode::Untimed, stages))?;
         self.recorder.reset();
         Ok(())
     }
 
     /// Runs the frame that was recorded, and reads its timestamps.
-    pub(super) fn run_segments(&mut self, gpu: &WatchedDevice) -> Result<(), DeviceError> {
+    pub(super) fn run_segments(&mut self, gpu: &Device) -> Result<(), DeviceError> {
         self.recorder.run_segments(gpu, &mut self.metering, &mut self.spans)?;
         self.read_ticks(gpu)
     }
 
     /// Reads the frame's timestamps, in a submission after the frame's own.
-    fn read_ticks(&mut self, gpu: &WatchedDevice) -> Result<(), DeviceError> {
+    fn read_ticks(&mut self, gpu: &Device) -> Result<(), DeviceError> {
         std::mem::swap(&mut self.ticks, &mut self.previous);
         self.ticks.clear();
         match &self.queries {
@@ -233,7 +233,7 @@ impl FrameTimer {
 
     /// The sample of the frame that ran, whose stages have these names.
     pub(super) fn evaluate(&self, names: &[&'static str]) -> FrameSample {
-        let mut account = Account::new(names);
+        let mut account = FrameSums::new(names);
         for work in &self.recorder.host {
             account.add(work.stage, Clock::Host, Ok(work.ns));
         }
@@ -267,11 +267,11 @@ impl FrameTimer {
         let first = self.recorder.passes[span.passes.clone()].first();
         first.map_or(0.0, |pass| {
             let lately = self.metering.meter.cost_ns(pass.kind);
-            lately.unwrap_or_else(|| self.plan.submit_cost.of(pass.kind))
+            lately.unwrap_or_else(|| self.plan.submit_cost.ns(pass.kind))
         })
     }
 
-    fn add_fenced(&self, account: &mut Account<'_>, span: &Span) {
+    fn add_fenced(&self, account: &mut FrameSums<'_>, span: &Span) {
         let cost_ns = self.submit_cost_ns(span);
         let ns = positive(span.wall_ns()).map(|wall_ns| wall_ns - cost_ns);
         for pass in &self.recorder.passes[span.passes.clone()] {
@@ -280,7 +280,7 @@ impl FrameTimer {
         }
     }
 
-    fn add_timestamped(&self, account: &mut Account<'_>, span: &Span) {
+    fn add_timestamped(&self, account: &mut FrameSums<'_>, span: &Span) {
         let wall_ns = span.wall_ns();
         let mut last_end = None;
         for pass in &self.recorder.passes[span.passes.clone()] {
@@ -305,7 +305,7 @@ fn names<S: TimedStage + ?Sized>(stages: &[&S]) -> Vec<&'static str> {
 /// Ticks from `begin` to `end`, negative where they are out of order. A counter with few valid bits may begin again at zero between
 /// the two: the shorter way around counts.
 fn signed_ticks(begin: u64, end: u64) -> f64 {
-    let unused = (begin | end).leading_zeros().min(u64::BITS - LEAST_VALID_BITS);
+    let unused = (begin | end).leading_zeros().min(u64::BITS - MIN_VALID_BITS);
     ((end.wrapping_sub(begin) << unused) as i64 >> unused) as f64
 }
 
@@ -340,23 +340,23 @@ fn check(
 }
 
 /// Sums of a frame's durations, being filled.
-struct Account<'a> {
+struct FrameSums<'a> {
     names: &'a [&'static str],
     stages: Vec<StageTime>,
     passes: Vec<u32>,
     /// Fenced submissions of each stage.
-    submissions: Vec<Submissions>,
+    submissions: Vec<SubmissionCounts>,
     gaps_ns: f64,
-    faults: Vec<Fault>,
+    faults: Vec<RejectedTime>,
 }
 
-impl<'a> Account<'a> {
+impl<'a> FrameSums<'a> {
     fn new(names: &'a [&'static str]) -> Self {
         Self {
             names,
-            stages: names.iter().map(|name| StageTime::none(name)).collect(),
+            stages: names.iter().map(|name| StageTime::zero(name)).collect(),
             passes: vec![0; names.len()],
-            submissions: vec![Submissions::new(); names.len()],
+            submissions: vec![SubmissionCounts::new(); names.len()],
             gaps_ns: 0.0,
             faults: Vec::new(),
         }
@@ -375,7 +375,7 @@ impl<'a> Account<'a> {
             Ok(ns) => sample.ns += ns,
             Err((kind, ns)) => {
                 sample.ns = f64::NAN;
-                self.faults.push(Fault { stage: self.names[stage], kind, ns });
+                self.faults.push(RejectedTime { stage: self.names[stage], kind, ns });
             }
         }
     }
@@ -392,7 +392,7 @@ impl<'a> Account<'a> {
             if self.passes[stage] == 0 {
                 sample.ns = f64::NAN;
                 let (stage, kind) = (self.names[stage], FaultKind::NoPass);
-                self.faults.push(Fault { stage, kind, ns: 0.0 });
+                self.faults.push(RejectedTime { stage, kind, ns: 0.0 });
             }
         }
         FrameSample { stages: self.stages, gaps_ns: self.gaps_ns, envelope_ns, faults: self.faults }
@@ -400,7 +400,7 @@ impl<'a> Account<'a> {
 }
 
 impl Queries {
-    fn new(gpu: &WatchedDevice, max_passes: u32) -> Result<Self, DeviceError> {
+    fn new(gpu: &Device, max_passes: u32) -> Result<Self, DeviceError> {
         let count = max_passes * QUERIES_PER_PASS;
         let set = |first: u32| {
             gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
@@ -409,7 +409,7 @@ impl Queries {
                 count: (count - first).min(QUERIES_PER_SET),
             })
         };
-        gpu.scoped(|| {
+        gpu.catch(|| {
             let room = count.next_multiple_of(QUERIES_PER_SET).into();
             Ok(Self {
                 sets: (0..count).step_by(QUERIES_PER_SET as usize).map(set).collect(),
@@ -419,7 +419,7 @@ impl Queries {
     }
 
     /// The ticks of the first `passes` passes, two of each.
-    fn read(&self, gpu: &WatchedDevice, passes: u32) -> Result<Vec<u64>, DeviceError> {
+    fn read(&self, gpu: &Device, passes: u32) -> Result<Vec<u64>, DeviceError> {
         let count = passes * QUERIES_PER_PASS;
         self.results.read(gpu, count.into(), |encoder, resolved| {
             for (first, set) in (0..count).step_by(QUERIES_PER_SET as usize).zip(&self.sets) {

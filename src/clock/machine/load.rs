@@ -8,20 +8,20 @@ use std::time::Instant;
 #[cfg(target_os = "linux")]
 const TICKS_PER_S: u64 = 100;
 /// Over this time one tick is 4 % of a core.
-const LEAST_S: f64 = 0.25;
+const MIN_S: f64 = 0.25;
 /// Digits after the point in a record: the ticks give no more.
 const ROUNDED_TO: f64 = 1e3;
 
 /// Means since the reading before, in cores: 1 is one core all the time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Load {
+pub struct CpuLoad {
     pub others: f32,
     pub steal: f32,
 }
 
 /// Counters since the start of the machine, seconds; those of all cores together.
 #[derive(Clone, Copy, Debug)]
-struct Reading {
+struct LoadCounters {
     /// Since any fixed moment.
     at_s: f64,
     /// At work for any process.
@@ -31,12 +31,12 @@ struct Reading {
     own_s: f64,
 }
 
-impl Reading {
+impl LoadCounters {
     /// The load since an earlier reading; none where too little time has passed.
-    fn since(&self, before: &Self) -> Option<Load> {
+    fn since(&self, before: &Self) -> Option<CpuLoad> {
         let wall_s = self.at_s - before.at_s;
         let cores = |s: f64| ((s / wall_s * ROUNDED_TO).round().max(0.0) / ROUNDED_TO) as f32;
-        (wall_s >= LEAST_S).then(|| Load {
+        (wall_s >= MIN_S).then(|| CpuLoad {
             others: cores((self.busy_s - before.busy_s) - (self.own_s - before.own_s)),
             steal: cores(self.stolen_s - before.stolen_s),
         })
@@ -45,24 +45,24 @@ impl Reading {
 
 /// Reads the load, as often as it is asked.
 pub struct LoadReader {
-    begun: Instant,
+    started: Instant,
     /// The latest reading, and the load up to it.
-    last: Mutex<(Reading, Option<Load>)>,
+    last: Mutex<(LoadCounters, Option<CpuLoad>)>,
 }
 
 impl LoadReader {
     /// None where the system does not tell.
     pub fn open() -> Option<Self> {
-        let begun = Instant::now();
-        Some(Self { begun, last: Mutex::new((read(&begun)?, None)) })
+        let started = Instant::now();
+        Some(Self { started, last: Mutex::new((read(&started)?, None)) })
     }
 
-    /// Up to the latest reading, which is at most [`LEAST_S`] old.
-    pub fn load(&self) -> Option<Load> {
+    /// Up to the latest reading, which is at most [`MIN_S`] old.
+    pub fn load(&self) -> Option<CpuLoad> {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         // Reading takes 19 µs on two cores and more on many, so it is not done for each of many short frames.
-        if self.begun.elapsed().as_secs_f64() - last.0.at_s >= LEAST_S {
-            let now = read(&self.begun)?;
+        if self.started.elapsed().as_secs_f64() - last.0.at_s >= MIN_S {
+            let now = read(&self.started)?;
             *last = (now, now.since(&last.0));
         }
         last.1
@@ -70,7 +70,7 @@ impl LoadReader {
 }
 
 #[cfg(target_os = "linux")]
-fn read(begun: &Instant) -> Option<Reading> {
+fn read(begun: &Instant) -> Option<LoadCounters> {
     use crate::frame::HostClock;
     use procfs::{ExplicitSystemInfo, FromReadSI, KernelStats};
     let system = ExplicitSystemInfo {
@@ -83,7 +83,7 @@ fn read(begun: &Instant) -> Option<Reading> {
     let seconds = |ticks: u64| ticks as f64 / TICKS_PER_S as f64;
     let kernel = cpu.irq.unwrap_or(0) + cpu.softirq.unwrap_or(0);
     // Some sandboxes count nothing.
-    (cpu.user + cpu.system + cpu.idle > 0).then(|| Reading {
+    (cpu.user + cpu.system + cpu.idle > 0).then(|| LoadCounters {
         at_s: begun.elapsed().as_secs_f64(),
         busy_s: seconds(cpu.user + cpu.nice + cpu.system + kernel),
         stolen_s: seconds(cpu.steal.unwrap_or(0)),
@@ -92,7 +92,7 @@ fn read(begun: &Instant) -> Option<Reading> {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn read(_: &Instant) -> Option<Reading> {
+fn read(_: &Instant) -> Option<LoadCounters> {
     None
 }
 
@@ -102,11 +102,11 @@ mod tests {
 
     #[test]
     fn others_work_is_all_but_ones_own() {
-        let before = Reading { at_s: 10.0, busy_s: 100.0, stolen_s: 5.0, own_s: 7.0 };
-        let now = Reading { at_s: 12.0, busy_s: 103.0, stolen_s: 5.1, own_s: 9.0 };
-        assert_eq!(now.since(&before), Some(Load { others: 0.5, steal: 0.05 }));
-        let own_alone = Reading { busy_s: 101.98, ..now };
+        let before = LoadCounters { at_s: 10.0, busy_s: 100.0, stolen_s: 5.0, own_s: 7.0 };
+        let now = LoadCounters { at_s: 12.0, busy_s: 103.0, stolen_s: 5.1, own_s: 9.0 };
+        assert_eq!(now.since(&before), Some(CpuLoad { others: 0.5, steal: 0.05 }));
+        let own_alone = LoadCounters { busy_s: 101.98, ..now };
         assert_eq!(own_alone.since(&before).unwrap().others, 0.0, "a tick may be missing");
-        assert_eq!(Reading { at_s: 10.2, ..now }.since(&before), None);
+        assert_eq!(LoadCounters { at_s: 10.2, ..now }.since(&before), None);
     }
 }

@@ -17,11 +17,11 @@ const NVIDIA: u32 = 0x10de;
 /// Reads the state of one adapter, as often as it is asked. Opened once: loading NVML takes milliseconds.
 pub struct MachineReader {
     /// None where no driver tells.
-    source: Option<Source>,
+    source: Option<StateSource>,
     load: Option<LoadReader>,
 }
 
-enum Source {
+enum StateSource {
     Nvml(NvmlReader),
     Sysfs(SysfsReader),
 }
@@ -29,13 +29,13 @@ enum Source {
 impl MachineReader {
     /// None where neither a driver nor the kernel tells.
     pub fn open(adapter: &Adapter) -> Option<Self> {
-        let reader = Self { source: Source::open(adapter), load: LoadReader::open() };
+        let reader = Self { source: StateSource::open(adapter), load: LoadReader::open() };
         (reader.source.is_some() || reader.load.is_some()).then_some(reader)
     }
 
     /// None where nothing is told any more. Done between frames: the load takes 19 µs on two cores, four times a second at most.
     pub fn read(&self) -> Option<MachineState> {
-        let state = self.source.as_ref().and_then(Source::state).unwrap_or_default();
+        let state = self.source.as_ref().and_then(StateSource::state).unwrap_or_default();
         let load = self.load.as_ref().and_then(LoadReader::load);
         let state = MachineState {
             others_load: load.map(|load| load.others),
@@ -46,18 +46,18 @@ impl MachineReader {
     }
 }
 
-impl Source {
+impl StateSource {
     fn open(adapter: &Adapter) -> Option<Self> {
         match adapter.vendor_id {
-            NVIDIA if !adapter.software => NvmlReader::open(adapter).map(Source::Nvml),
-            _ => SysfsReader::open(adapter).map(Source::Sysfs),
+            NVIDIA if !adapter.software => NvmlReader::open(adapter).map(StateSource::Nvml),
+            _ => SysfsReader::open(adapter).map(StateSource::Sysfs),
         }
     }
 
     fn state(&self) -> Option<MachineState> {
         match self {
-            Source::Nvml(device) => device.state(),
-            Source::Sysfs(reader) => Some(reader.state()),
+            StateSource::Nvml(device) => device.state(),
+            StateSource::Sysfs(reader) => Some(reader.state()),
         }
     }
 }
@@ -72,14 +72,14 @@ mod tests {
         for vendor_id in [NVIDIA, sysfs::AMD, sysfs::INTEL, 0x1337] {
             let name = "no such card".to_owned();
             let adapter = Adapter { name, vendor_id, device_id: 0xfffe, ..Adapter::default() };
-            assert!(Source::open(&adapter).is_none(), "{vendor_id:x}");
+            assert!(StateSource::open(&adapter).is_none(), "{vendor_id:x}");
         }
     }
 
     #[test]
     fn a_software_adapter_is_never_asked_of_a_card() {
         let software = Adapter { software: true, vendor_id: NVIDIA, ..Adapter::default() };
-        let source = Source::open(&software);
-        assert!(source.is_none_or(|source| matches!(source, Source::Sysfs(_))));
+        let source = StateSource::open(&software);
+        assert!(source.is_none_or(|source| matches!(source, StateSource::Sysfs(_))));
     }
 }

@@ -14,8 +14,7 @@ pub const AMD: u32 = 0x1002;
 pub const INTEL: u32 = 0x8086;
 const CORE: u32 = 0;
 
-/// What a file tells.
-enum Told {
+enum SysfsValue {
     ClockMhz,
     MemoryClockMhz,
     TemperatureC,
@@ -25,8 +24,8 @@ enum Told {
     /// The clock was held down for heat where the number grew since the last reading.
     HeatEvents,
 }
+use SysfsValue::{ClockMhz, HeatEvents, Held, MemoryClockMhz, PowerW, TemperatureC};
 use ThrottleReason::{CurrentLimit, PowerLimit, Prochot, ThermalLimit, Unspecified};
-use Told::{ClockMhz, HeatEvents, Held, MemoryClockMhz, PowerW, TemperatureC};
 
 /// Vendor, file in the folder of the card or core, what it tells, and the factor to that unit. Of several files of one figure the first
 /// counts whose number is not 0: a device that sleeps has the clock 0. `*` is any name, and of a list of levels the one with the star
@@ -37,7 +36,7 @@ use Told::{ClockMhz, HeatEvents, Held, MemoryClockMhz, PowerW, TemperatureC};
 /// current, VR for the voltage regulator, RATL for the running average of the temperature. Sensors: Documentation/hwmon/sysfs-interface.rst.
 /// Cores: *CPU Performance Scaling*, and Documentation/ABI/testing/sysfs-devices-system-cpu, x86 only.
 #[rustfmt::skip]
-const READINGS: &[(u32, &str, Told, f64)] = &[
+const READINGS: &[(u32, &str, SysfsValue, f64)] = &[
     (AMD, "device/pp_dpm_sclk", ClockMhz, 1.0),
     (AMD, "device/pp_dpm_mclk", MemoryClockMhz, 1.0),
     (AMD, "device/hwmon/*/temp1_input", TemperatureC, 1e-3),

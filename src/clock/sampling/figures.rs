@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::samples::{Samples, Stopped};
+use super::samples::{Samples, StopReason};
 use crate::StageTime;
 use fathom_base::statistics;
 use fathom_record::{
@@ -62,7 +62,7 @@ pub fn stage_record(
         work,
         least_work: (least != work).then_some(least),
         counters,
-        ..StageRecord::of(name, clock, samples_ns)
+        ..StageRecord::new(name, clock, samples_ns)
     }
 }
 
@@ -93,10 +93,10 @@ pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Ve
         note(NoteKind::Unsteady, text);
     }
     let stopped = match samples.stopped {
-        Stopped::Precise | Stopped::UntimedOnly => None,
-        Stopped::OutOfTime => Some("stopped by the time budget"),
-        Stopped::EnoughPairs => Some("stopped at the most frames"),
-        Stopped::Interrupted => Some("interrupted"),
+        StopReason::Precise | StopReason::UntimedOnly => None,
+        StopReason::OutOfTime => Some("stopped by the time budget"),
+        StopReason::EnoughPairs => Some("stopped at the most frames"),
+        StopReason::Interrupted => Some("interrupted"),
     };
     if let Some(stopped) = stopped.filter(|_| frame.relative_half_width() > precision) {
         let reached = 100.0 * frame.relative_half_width();
@@ -112,7 +112,7 @@ pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Ve
         );
         note(NoteKind::Outliers, text);
     }
-    if let Some(held) = Throttling::of(&samples.machine()) {
+    if let Some(held) = Throttling::from_states(&samples.machine()) {
         note(NoteKind::Throttled, format!("heat or power held the clocks down in {held}"));
     }
     notes
@@ -132,7 +132,7 @@ mod tests {
             ns: 1e6 * number,
             submit_cost_ns: cost_ns,
             resolution_ns: cost_ns / 2.0,
-            ..StageTime::none(name)
+            ..StageTime::zero(name)
         };
         for has_machine in [true, false] {
             let pair = |number: u32| FramePair {
@@ -148,12 +148,12 @@ mod tests {
                 untimed_ns: 4e6 * f64::from(number),
             };
             let samples = Samples {
-                taken: (1..9).map(pair).collect(),
+                pairs: (1..9).map(pair).collect(),
                 warm_up_frames: 3,
                 unsteady: true,
                 rejected: [(fathom_record::FaultKind::Zero.into(), 2)].into(),
                 earlier_pairs: 8,
-                stopped: Stopped::default(),
+                stopped: StopReason::default(),
             };
             let frame = frame_record(&samples);
             let stage = |(place, name)| {
@@ -170,7 +170,7 @@ mod tests {
             assert_eq!(Samples::recorded(&measured), samples);
             // Anyone may have written it: what lacks a figure is no sample.
             measured.stages[1].fenced.as_mut().unwrap().wall_samples_ns.truncate(5);
-            assert_eq!(Samples::recorded(&measured).taken, samples.taken[..5]);
+            assert_eq!(Samples::recorded(&measured).pairs, samples.pairs[..5]);
         }
     }
 
@@ -179,8 +179,8 @@ mod tests {
         let state = |reason| MachineState { throttle: vec![reason], ..MachineState::default() };
         let texts = |machine: Vec<MachineState>| {
             let pair = |state| FramePair { machine: Some(state), ..FramePair::default() };
-            let taken = machine.into_iter().map(pair).collect();
-            let samples = Samples { taken, ..Samples::default() };
+            let pairs = machine.into_iter().map(pair).collect();
+            let samples = Samples { pairs, ..Samples::default() };
             let notes = sampling_notes(&samples, &statistics::estimate(&[1.0; 20]), 0.02);
             let held = notes.into_iter().filter(|note| note.kind == NoteKind::Throttled);
             held.map(|note| note.text).collect::<Vec<_>>()

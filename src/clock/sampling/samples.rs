@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use itertools::Itertools;
 
-use crate::{Fault, FrameSample, StageTime};
+use crate::{FrameSample, RejectedTime, StageTime};
 use fathom_base::statistics;
 use fathom_record::{
     FaultKind, Fenced, MachineState, Measured, NoteKind, RejectedFrames, Rejection, StageRecord,
@@ -36,7 +36,7 @@ pub struct FramePair {
 
 /// Why a cell's sampling ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Stopped {
+pub enum StopReason {
     Precise,
     /// Its times are not asked for.
     UntimedOnly,
@@ -50,7 +50,7 @@ pub enum Stopped {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     /// Timed frames, each with an untimed one beside it. All have the same stages on the same clocks.
-    pub taken: Vec<FramePair>,
+    pub pairs: Vec<FramePair>,
     pub warm_up_frames: u32,
     /// The frame time still fell when warm-up was given up.
     pub unsteady: bool,
@@ -58,7 +58,7 @@ pub struct Samples {
     pub rejected: BTreeMap<Rejection, u32>,
     /// So many of the pairs, the first, are of an earlier run.
     pub earlier_pairs: usize,
-    pub stopped: Stopped,
+    pub stopped: StopReason,
 }
 
 impl Samples {
@@ -77,35 +77,35 @@ impl Samples {
                 untimed_ns: *frame.untimed_samples_ns.get(number)?,
             })
         };
-        let taken = (0..).map_while(pair).collect_vec();
+        let pairs = (0..).map_while(pair).collect_vec();
         let rejected = measured.rejected.iter().map(|of| (of.rejection.clone(), of.frames));
         Self {
-            earlier_pairs: taken.len(),
-            taken,
+            earlier_pairs: pairs.len(),
+            pairs,
             warm_up_frames: measured.warm_up_frames,
             unsteady: measured.notes.iter().any(|note| note.kind == NoteKind::Unsteady),
             rejected: rejected.collect(),
-            stopped: Stopped::default(),
+            stopped: StopReason::default(),
         }
     }
 
     pub fn pairs(&self) -> usize {
-        self.taken.len()
+        self.pairs.len()
     }
 
     /// Stages of the first pair: the names and clocks are those of all pairs. Empty where there is none.
     pub fn stages(&self) -> &[StageTime] {
-        self.taken.first().map_or(&[], |pair| &pair.stages)
+        self.pairs.first().map_or(&[], |pair| &pair.stages)
     }
 
     /// A figure of each pair.
     pub fn each<T>(&self, of: impl Fn(&FramePair) -> T) -> Vec<T> {
-        self.taken.iter().map(of).collect()
+        self.pairs.iter().map(of).collect()
     }
 
     /// States of the machine, where its driver told.
     pub(super) fn machine(&self) -> Vec<MachineState> {
-        self.taken.iter().filter_map(|pair| pair.machine.clone()).collect()
+        self.pairs.iter().filter_map(|pair| pair.machine.clone()).collect()
     }
 
     /// Adds a timed frame and the untimed one that was run beside it, in this round and at this second of Unix time, or why they cannot be
@@ -121,7 +121,7 @@ impl Samples {
             return;
         }
         let FrameSample { stages, gaps_ns, envelope_ns, .. } = frame;
-        self.taken.push(FramePair {
+        self.pairs.push(FramePair {
             round,
             sampled_at_s,
             machine,
@@ -135,7 +135,7 @@ impl Samples {
     /// These stages, on the same clocks, were sampled before, or none were.
     pub fn has_stages(&self, stages: &[StageTime]) -> bool {
         let known = self.stages().iter().map(|stage| (&stage.stage, stage.clock));
-        self.taken.is_empty() || known.eq(stages.iter().map(|stage| (&stage.stage, stage.clock)))
+        self.pairs.is_empty() || known.eq(stages.iter().map(|stage| (&stage.stage, stage.clock)))
     }
 
     /// Why the cell cannot be trusted, if too many of its frames were rejected.
@@ -182,7 +182,7 @@ fn recorded_stage(record: &StageRecord, number: usize) -> Option<StageTime> {
 /// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
 /// is one rejected frame.
 fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageTime]) -> Option<Rejection> {
-    if let Some(Fault { stage, kind, .. }) = frame.faults.first() {
+    if let Some(RejectedTime { stage, kind, .. }) = frame.faults.first() {
         return Some(Rejection { stage: Some((*stage).to_owned()), fault: *kind });
     }
     let positive = |ns: f64| ns.is_finite() && ns > 0.0;

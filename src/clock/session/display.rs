@@ -19,11 +19,11 @@ impl fmt::Display for FrameClock {
                 None => writeln!(f)?,
             }
         }
-        self.cells().iter().try_for_each(|cell| tell(f, cell))
+        self.cells().iter().try_for_each(|cell| write_cell(f, cell))
     }
 }
 
-fn tell(f: &mut fmt::Formatter<'_>, cell: &Cell) -> fmt::Result {
+fn write_cell(f: &mut fmt::Formatter<'_>, cell: &Cell) -> fmt::Result {
     writeln!(f, "\n{} {}", cell.experiment, cell.cell)?;
     let measured = match &cell.outcome {
         Outcome::Measured(measured) => measured,

@@ -8,20 +8,20 @@ mod sampled;
 mod tests;
 
 pub use pass::TimedPass;
-pub use sampled::Sampling;
+pub use sampled::SampleTarget;
 
 use std::time::Instant;
 
-use self::sampled::{Ran, Sampled};
+use self::sampled::{CellSampling, Sample};
 use super::frame::Query;
-use super::{Audit, ClockError, DeviceError, FrameTimer, MachineReader, WatchedDevice, audit_all};
+use super::{Audit, ClockError, Device, DeviceError, FrameTimer, MachineReader, audit_all};
 use fathom_record::{Cell, PassKind};
 
 /// Features of the device that timestamps need.
 pub(super) const FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
 /// Passes of a frame that can have timestamps.
-const MOST_PASSES: u32 = 1024;
+const MAX_PASSES: u32 = 1024;
 
 /// The features of this adapter that timestamps need, for `required_features` of the device. Without them every pass is timed by a
 /// fenced host clock.
@@ -34,14 +34,14 @@ pub fn features(adapter: &wgpu::Adapter) -> wgpu::Features {
 /// Frames with per-pass timing alternate with frames without: the second give the frame time, and both together what timing costs.
 /// Both wait for the GPU, so frames do not overlap.
 pub struct FrameClock {
-    gpu: WatchedDevice,
+    gpu: Device,
     audit: Audit,
     timer: FrameTimer,
     machine: Option<MachineReader>,
-    sampling: Sampling,
-    sampled: Sampled,
+    sampling: SampleTarget,
+    sampled: CellSampling,
     /// When the current cell began.
-    begun: Instant,
+    started: Instant,
     cells: Vec<Cell>,
     totals: Totals,
 }
@@ -49,7 +49,7 @@ pub struct FrameClock {
 /// Times of the whole run.
 struct Totals {
     started_at: String,
-    begun: Instant,
+    started: Instant,
     audit_s: f64,
     frames_ns: f64,
 }
@@ -64,34 +64,34 @@ impl FrameClock {
         device: &wgpu::Device,
         queue: &wgpu::Queue,
     ) -> Result<Self, ClockError> {
-        let gpu = WatchedDevice::new(adapter, device.clone(), queue.clone());
+        let gpu = Device::new(adapter, device.clone(), queue.clone());
         Self::audited(gpu, audit_all)
     }
 
     fn audited(
-        gpu: WatchedDevice,
-        audit: impl FnOnce(&WatchedDevice) -> Result<Audit, DeviceError>,
+        gpu: Device,
+        audit: impl FnOnce(&Device) -> Result<Audit, DeviceError>,
     ) -> Result<Self, ClockError> {
-        let (started_at, begun) = (fathom_record::calendar::now(), Instant::now());
+        let (started_at, started) = (fathom_record::calendar::now(), Instant::now());
         let audit = audit(&gpu)?;
-        let timer = FrameTimer::new(&gpu, audit.plan, MOST_PASSES)?;
-        let audit_s = begun.elapsed().as_secs_f64();
+        let timer = FrameTimer::new(&gpu, audit.plan, MAX_PASSES)?;
+        let audit_s = started.elapsed().as_secs_f64();
         Ok(Self {
             machine: MachineReader::open(&gpu.adapter),
             gpu,
             audit,
             timer,
-            sampling: Sampling::default(),
-            sampled: Sampled::begin(0),
-            begun: Instant::now(),
+            sampling: SampleTarget::default(),
+            sampled: CellSampling::begin(0),
+            started: Instant::now(),
             cells: Vec::new(),
-            totals: Totals { started_at, begun, audit_s, frames_ns: 0.0 },
+            totals: Totals { started_at, started, audit_s, frames_ns: 0.0 },
         })
     }
 
     /// The same with another precision or budget.
     #[must_use]
-    pub fn with(mut self, sampling: Sampling) -> Self {
+    pub fn with(mut self, sampling: SampleTarget) -> Self {
         self.sampling = sampling;
         self
     }
@@ -104,7 +104,7 @@ impl FrameClock {
     /// More frames are needed: fewer than 12 pairs were sampled, or the frame time is not precise yet and there is time. Frames
     /// rendered beyond that are sampled as well.
     pub fn wants_frame(&mut self) -> bool {
-        let late = self.begun.elapsed().as_secs_f64() > self.sampling.budget_s;
+        let late = self.started.elapsed().as_secs_f64() > self.sampling.budget_s;
         self.sampled.wants_frame(self.sampling.precision, late)
     }
 
@@ -201,8 +201,8 @@ impl Frame<'_> {
         let FrameClock { gpu, timer, machine, sampled, totals, .. } = clock;
         let state = || machine.as_ref().and_then(MachineReader::read);
         let ran = match timed {
-            true => Ran::Timed(timer.run_timed(gpu, encoder, &names)?),
-            false => Ran::Untimed(timer.run_untimed(gpu, encoder)?),
+            true => Sample::Timed(timer.run_timed(gpu, encoder, &names)?),
+            false => Sample::Untimed(timer.run_untimed(gpu, encoder)?),
         };
         totals.frames_ns += sampled.add(ran, state);
         Ok(())

@@ -2,21 +2,21 @@
 
 use std::ops::{Deref, DerefMut};
 
-use crate::{FrameTimer, WatchedDevice};
+use crate::{Device, FrameTimer};
 
 /// An open pass. It ends, and its timing with it, when this is dropped.
 pub struct TimedPass<'f, P> {
     /// Taken when it ends.
     pass: Option<P>,
     /// None in a frame without per-pass timing.
-    timer: Option<(&'f mut FrameTimer, &'f WatchedDevice)>,
+    timer: Option<(&'f mut FrameTimer, &'f Device)>,
     encoder: &'f mut wgpu::CommandEncoder,
 }
 
 impl<'f, P> TimedPass<'f, P> {
     pub(super) fn new(
         pass: P,
-        timer: Option<(&'f mut FrameTimer, &'f WatchedDevice)>,
+        timer: Option<(&'f mut FrameTimer, &'f Device)>,
         encoder: &'f mut wgpu::CommandEncoder,
     ) -> Self {
         Self { pass: Some(pass), timer, encoder }

@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use itertools::Itertools;
 
-use super::{FEATURES, FrameClock, Sampled};
+use super::{CellSampling, FEATURES, FrameClock};
 use crate::{ClockError, Samples, StageTime, frame_record, sampling_notes, stage_record};
 use fathom_base::{private, text};
-use fathom_record::output::{FolderKind, OutputError, Taken};
+use fathom_record::output::{FolderKind, LockedFolder, OutputError};
 use fathom_record::{
     Cell, Conditions, End, Measured, Note, NoteKind, Outcome, PassKind, Record, Run, SCHEMA, SetUp,
     ShaderChecks,
@@ -23,9 +23,9 @@ impl FrameClock {
     /// `experiment` is no such name. The samples are kept.
     pub fn end_cell(&mut self, experiment: &str, cell: &str) -> Result<&Cell, ClockError> {
         text::check_id(experiment).map_err(ClockError::Name)?;
-        let next = Sampled::begin(self.sampled.round);
+        let next = CellSampling::begin(self.sampled.round);
         let samples = std::mem::replace(&mut self.sampled, next).samples;
-        self.begun = Instant::now();
+        self.started = Instant::now();
         let axes = cell.split(',').filter_map(|axis| axis.split_once('='));
         self.cells.push(Cell {
             experiment: experiment.to_owned(),
@@ -71,7 +71,7 @@ impl FrameClock {
     /// # Errors
     /// The folder holds records already, another process writes to it, or it cannot be written to.
     pub fn write(&self, folder: &Path) -> Result<(), ClockError> {
-        let taken = Taken::free(folder).map_err(|error| match error {
+        let taken = LockedFolder::lock_free(folder).map_err(|error| match error {
             OutputError::Occupied { path } => ClockError::Occupied { path },
             other => other.into(),
         })?;
@@ -99,10 +99,10 @@ impl FrameClock {
             command: private::command(),
             adapter: gpu.adapter.clone(),
             shader_checks: ShaderChecks::Checked,
-            conditions: Conditions::here(),
+            conditions: Conditions::detect(),
             clocks: PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into(),
             audit: self.audit.rows.clone(),
-            submit_cost_ns: PassKind::TIMED.map(|kind| (kind, plan.submit_cost.of(kind))).into(),
+            submit_cost_ns: PassKind::TIMED.map(|kind| (kind, plan.submit_cost.ns(kind))).into(),
             notes: missing.into_iter().chain([Note::new(NoteKind::Order, order)]).collect(),
             ..Run::default()
         }
@@ -111,7 +111,7 @@ impl FrameClock {
     fn end(&self) -> End {
         let totals = &self.totals;
         End {
-            measuring_wall_s: totals.begun.elapsed().as_secs_f64() - totals.audit_s,
+            measuring_wall_s: totals.started.elapsed().as_secs_f64() - totals.audit_s,
             measured_gpu_s: totals.frames_ns * 1e-9,
             set_up_s: totals.audit_s,
             set_up_parts_s: [(SetUp::Audit, totals.audit_s)].into(),

@@ -2,23 +2,23 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::{FrameSample, Samples, Stopped, WarmUp};
+use crate::{FrameSample, Samples, StopReason, WarmUp};
 use fathom_record::MachineState;
 
 /// Pairs of frames at the first look at their precision, and at the last: as in fathom's own runs.
-pub(super) const LEAST_PAIRS: usize = 12;
-const MOST_PAIRS: usize = 192;
+pub(super) const MIN_PAIRS: usize = 12;
+const MAX_PAIRS: usize = 192;
 
 /// When a cell has enough samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sampling {
+pub struct SampleTarget {
     /// Half the width of the frame time's 95 % interval over its median.
     pub precision: f64,
     /// Seconds after which no more frames are asked for, once there are 12 pairs.
     pub budget_s: f64,
 }
 
-impl Default for Sampling {
+impl Default for SampleTarget {
     /// 2 %, 30 s.
     fn default() -> Self {
         Self { precision: 0.02, budget_s: 30.0 }
@@ -26,13 +26,12 @@ impl Default for Sampling {
 }
 
 /// A frame that was run: with per-pass timing, or without, and how long it took.
-pub(super) enum Ran {
+pub(super) enum Sample {
     Timed(FrameSample),
     Untimed(f64),
 }
 
-/// What was sampled of a cell.
-pub(super) struct Sampled {
+pub(super) struct CellSampling {
     pub(super) samples: Samples,
     warm_up: WarmUp,
     /// Of the pair that has begun.
@@ -44,14 +43,14 @@ pub(super) struct Sampled {
     pub(super) round: u32,
 }
 
-impl Sampled {
+impl CellSampling {
     pub(super) fn begin(round: u32) -> Self {
         Self {
-            samples: Samples { stopped: Stopped::Interrupted, ..Samples::default() },
+            samples: Samples { stopped: StopReason::Interrupted, ..Samples::default() },
             warm_up: WarmUp::default(),
             timed: None,
             untimed_ns: None,
-            target: LEAST_PAIRS,
+            target: MIN_PAIRS,
             round,
         }
     }
@@ -62,14 +61,14 @@ impl Sampled {
         if self.samples.verdict_on_rejections().is_some() {
             return false;
         }
-        if pairs < LEAST_PAIRS || !late && pairs < self.target {
+        if pairs < MIN_PAIRS || !late && pairs < self.target {
             return true;
         }
         let precise = self.samples.relative_half_width() <= precision;
         self.samples.stopped = match (precise, late) {
-            (true, _) => Stopped::Precise,
-            (_, true) => Stopped::OutOfTime,
-            _ if pairs >= MOST_PAIRS => Stopped::EnoughPairs,
+            (true, _) => StopReason::Precise,
+            (_, true) => StopReason::OutOfTime,
+            _ if pairs >= MAX_PAIRS => StopReason::EnoughPairs,
             _ => {
                 self.target *= 2;
                 return true;
@@ -89,10 +88,10 @@ impl Sampled {
     }
 
     /// A frame was run. `state` tells of the machine. Gives the frame's time.
-    pub(super) fn add(&mut self, ran: Ran, state: impl FnOnce() -> Option<MachineState>) -> f64 {
+    pub(super) fn add(&mut self, ran: Sample, state: impl FnOnce() -> Option<MachineState>) -> f64 {
         let wall_ns = match &ran {
-            Ran::Timed(frame) => frame.envelope_ns,
-            Ran::Untimed(wall_ns) => *wall_ns,
+            Sample::Timed(frame) => frame.envelope_ns,
+            Sample::Untimed(wall_ns) => *wall_ns,
         };
         if !self.warm_up.is_over() {
             self.warm_up.add(wall_ns);
@@ -101,8 +100,8 @@ impl Sampled {
             return wall_ns;
         }
         match ran {
-            Ran::Timed(frame) => self.timed = Some(frame),
-            Ran::Untimed(wall_ns) => self.untimed_ns = Some(wall_ns),
+            Sample::Timed(frame) => self.timed = Some(frame),
+            Sample::Untimed(wall_ns) => self.untimed_ns = Some(wall_ns),
         }
         if let Some(untimed_ns) = self.untimed_ns
             && let Some(frame) = self.timed.take()
@@ -123,25 +122,25 @@ fn unix_s() -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Fault, MAX_WARM_UP_FRAMES, StageTime};
+    use crate::{MAX_WARM_UP_FRAMES, RejectedTime, StageTime};
     use fathom_record::{Clock, FaultKind};
 
     fn frame(ns: f64) -> FrameSample {
-        let stage = StageTime { clock: Clock::Timestamp, ns, ..StageTime::none("blur") };
+        let stage = StageTime { clock: Clock::Timestamp, ns, ..StageTime::zero("blur") };
         FrameSample { stages: vec![stage], gaps_ns: 0.0, envelope_ns: ns, faults: Vec::new() }
     }
 
     /// Runs a frame of the kind that is due, whose time is `ns`; whether it was timed.
-    fn run(sampled: &mut Sampled, frame: FrameSample) -> bool {
+    fn run(sampled: &mut CellSampling, frame: FrameSample) -> bool {
         let timed = sampled.times_next();
-        let ran = if timed { Ran::Timed(frame) } else { Ran::Untimed(frame.envelope_ns) };
+        let ran = if timed { Sample::Timed(frame) } else { Sample::Untimed(frame.envelope_ns) };
         sampled.add(ran, || None);
         timed
     }
 
     /// Warm, with no pair yet.
-    fn warm() -> Sampled {
-        let mut sampled = Sampled::begin(0);
+    fn warm() -> CellSampling {
+        let mut sampled = CellSampling::begin(0);
         for _ in 0..2 {
             run(&mut sampled, frame(1e6));
         }
@@ -150,7 +149,7 @@ mod tests {
 
     #[test]
     fn frames_that_become_faster_are_not_sampled() {
-        let mut sampled = Sampled::begin(0);
+        let mut sampled = CellSampling::begin(0);
         for n in 0..MAX_WARM_UP_FRAMES {
             assert_eq!(run(&mut sampled, frame(1e9 / f64::from(1 << n))), n % 2 == 0);
         }
@@ -170,7 +169,7 @@ mod tests {
     }
 
     /// Pairs when no frame is wanted any more, of frames whose times vary by so much, and why.
-    fn stopped(variation: f64, late: bool) -> (usize, Stopped) {
+    fn stopped(variation: f64, late: bool) -> (usize, StopReason) {
         let mut sampled = warm();
         let mut n = 0u32;
         while sampled.wants_frame(0.02, late) {
@@ -182,9 +181,9 @@ mod tests {
 
     #[test]
     fn sampling_ends_when_it_is_precise_or_late_or_has_the_most_pairs() {
-        assert_eq!(stopped(1e-4, false), (LEAST_PAIRS, Stopped::Precise));
-        assert_eq!(stopped(1.0, true), (LEAST_PAIRS, Stopped::OutOfTime));
-        assert_eq!(stopped(1.0, false), (MOST_PAIRS, Stopped::EnoughPairs));
+        assert_eq!(stopped(1e-4, false), (MIN_PAIRS, StopReason::Precise));
+        assert_eq!(stopped(1.0, true), (MIN_PAIRS, StopReason::OutOfTime));
+        assert_eq!(stopped(1.0, false), (MAX_PAIRS, StopReason::EnoughPairs));
     }
 
     #[test]
@@ -192,7 +191,7 @@ mod tests {
         let mut sampled = warm();
         let mut frames = 0;
         while sampled.wants_frame(0.02, false) {
-            let fault = Fault { stage: "blur", kind: FaultKind::Zero, ns: 0.0 };
+            let fault = RejectedTime { stage: "blur", kind: FaultKind::Zero, ns: 0.0 };
             run(&mut sampled, FrameSample { faults: vec![fault], ..frame(1e6) });
             frames += 1;
         }

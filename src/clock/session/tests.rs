@@ -1,6 +1,6 @@
 //! Frames on the adapter at hand: what is run and what is sampled, whatever it takes.
 
-use super::sampled::LEAST_PAIRS;
+use super::sampled::MIN_PAIRS;
 use super::*;
 use crate::{ClockPlan, SubmitCost};
 use fathom_record::{Clock, Outcome};
@@ -12,7 +12,7 @@ fn fenced() -> FrameClock {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
     let (device, queue) = pollster::block_on(adapter.request_device(&Default::default())).unwrap();
-    let gpu = WatchedDevice::new(&adapter, device, queue);
+    let gpu = Device::new(&adapter, device, queue);
     let plan = ClockPlan::fenced(SubmitCost::default());
     FrameClock::audited(gpu, |_| Ok(Audit { rows: Vec::new(), plan })).unwrap()
 }
@@ -31,7 +31,7 @@ fn commands_run_in_their_order_and_each_name_is_sampled_once() {
     let mut clock = fenced();
     let [from, to] = [Usage::COPY_SRC, Usage::COPY_SRC].map(|usage| buffer(&clock, usage));
     let read_back = buffer(&clock, Usage::MAP_READ);
-    for number in 0..2 * LEAST_PAIRS as u32 + 2 {
+    for number in 0..2 * MIN_PAIRS as u32 + 2 {
         let bytes = [number as u8 + 1; BYTES as usize];
         clock.gpu.queue.write_buffer(&from, 0, &bytes);
         let mut encoder = encoder(&clock);
@@ -97,5 +97,5 @@ fn a_submission_that_hangs_loses_the_device_and_nothing_waits_for_it_again() {
     let index = gpu.queue.submit([encoder.finish()]);
     let told = gpu.wait_for(Some(index)).unwrap_err().to_string();
     assert_eq!(told, "the GPU device was lost: a submission did not end within 0.000000001 s");
-    assert!(matches!(gpu.scoped(|| Ok::<_, DeviceError>(())), Err(DeviceError::Lost(_))));
+    assert!(matches!(gpu.catch(|| Ok::<_, DeviceError>(())), Err(DeviceError::Lost(_))));
 }

@@ -28,9 +28,9 @@ fn end(interrupted: bool) -> Compared {
     Compared::End(ComparisonEnd { wall_s: 20.0, interrupted })
 }
 
-fn comparison(lines: Vec<Compared>) -> StoredComparison {
+fn comparison(lines: Vec<Compared>) -> Comparison {
     let header = Compared::Header(Box::default());
-    StoredComparison::from_records(std::iter::once(header).chain(lines).map(Into::into)).unwrap()
+    Comparison::from_records(std::iter::once(header).chain(lines).map(Into::into)).unwrap()
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn what_failed_before_an_interruption_is_tried_again() {
     ];
     let comparison = comparison(lines);
     let before = timed_before(&comparison, false);
-    assert_eq!(before.lost.into_iter().collect::<Vec<_>>(), [second]);
+    assert_eq!(before.given_up.into_iter().collect::<Vec<_>>(), [second]);
     assert!(!before.control_lost);
     assert_eq!(comparison.end.unwrap().wall_s, 40.0);
 }

@@ -56,7 +56,7 @@ impl LaunchWorkers for Simulated {
         let there = |(id, _): &(&str, _)| cells.iter().any(|cell| cell.configuration() == *id);
         let unprepared = self.unprepared.clone().filter(there);
         match unprepared.map(|(id, fault)| failed(Some(id), fault)) {
-            Some(cause) if !cause.fault.goes_on() => Err(cause),
+            Some(cause) if !cause.fault.is_alive() => Err(cause),
             refused => {
                 let refused = Vec::from_iter(refused);
                 Ok(OpenedLaunch { refused, ..OpenedLaunch::default() })
@@ -64,7 +64,7 @@ impl LaunchWorkers for Simulated {
         }
     }
 
-    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault> {
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<SideSample, WorkerFault> {
         if let Some((launch, at, stage, fault)) = &self.failing
             && (self.launch, role, cell.stage()) == (*launch, *at, *stage)
         {
@@ -79,7 +79,7 @@ impl LaunchWorkers for Simulated {
         }
         let ns = if role == WorkerRole::Head { 2e6 } else { 1e6 };
         let machine = (role == WorkerRole::Head).then(MachineState::default);
-        Ok(Sampled { ns, machine })
+        Ok(SideSample { ns, machine })
     }
 
     fn close(&mut self) {
@@ -89,9 +89,9 @@ impl LaunchWorkers for Simulated {
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-fn schedule() -> Schedule {
+fn schedule() -> GateSchedule {
     let cell = CellId::new;
-    Schedule {
+    GateSchedule {
         cells: vec![cell("one", "a/x"), cell("one", "b/y"), cell("two", "a/x")],
         control: Some(cell("one", "b/y")),
         launches: 3,
@@ -101,15 +101,14 @@ fn schedule() -> Schedule {
     }
 }
 
-/// What a gate wrote, by the kind of line.
 #[derive(Default)]
-struct Written {
+struct WrittenLines {
     pairs: Vec<Pair>,
     faults: Vec<Fault>,
     launches: Vec<Launch>,
 }
 
-impl Written {
+impl WrittenLines {
     fn launches(&self) -> Vec<u32> {
         self.launches.iter().map(|launch| launch.launch).collect()
     }
@@ -120,12 +119,12 @@ impl Written {
 }
 
 fn written(
-    schedule: &Schedule,
+    schedule: &GateSchedule,
     bench: &mut Simulated,
-    before: &Before,
+    before: &EarlierLaunches,
     interrupted: &AtomicBool,
-) -> Written {
-    let mut written = Written::default();
+) -> WrittenLines {
+    let mut written = WrittenLines::default();
     let sink = |lines: Vec<Compared>| -> Result<(), Infallible> {
         for line in lines {
             match line {
@@ -141,8 +140,8 @@ fn written(
     written
 }
 
-fn measure(bench: &mut Simulated) -> Written {
-    written(&schedule(), bench, &Before::default(), &NEVER)
+fn measure(bench: &mut Simulated) -> WrittenLines {
+    written(&schedule(), bench, &EarlierLaunches::default(), &NEVER)
 }
 
 #[test]
@@ -192,7 +191,7 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
 fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
     let mut whole = Simulated::default();
     measure(&mut whole);
-    let before = Before { complete: 2, last: Some(1), ..Before::default() };
+    let before = EarlierLaunches { complete: 2, last: Some(1), ..EarlierLaunches::default() };
     let mut resumed = Simulated::default();
     let found = written(&schedule(), &mut resumed, &before, &NEVER);
     assert_eq!(found.launches(), [2]);
@@ -279,7 +278,7 @@ fn an_interrupted_launch_leaves_nothing() {
         STOP.store(false, Ordering::Relaxed);
         let mut bench =
             Simulated { interrupt_after: Some(60), dying_of_interrupt, ..Simulated::default() };
-        let found = written(&schedule(), &mut bench, &Before::default(), &STOP);
+        let found = written(&schedule(), &mut bench, &EarlierLaunches::default(), &STOP);
         assert_eq!(found.launches(), [0]);
         assert!(found.pairs.iter().all(|pair| pair.launch == 0));
         assert!(found.faults.is_empty(), "no cell is given up");
@@ -290,9 +289,9 @@ fn an_interrupted_launch_leaves_nothing() {
 #[test]
 fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
     let cells: Vec<CellId> = (0..40).map(|n| CellId::new("tank", &format!("stage/{n}"))).collect();
-    let first = Schedule { cells: cells.clone(), pairs: 16, ..schedule() };
+    let first = GateSchedule { cells: cells.clone(), pairs: 16, ..schedule() };
     for (open, pairs) in [(1, 64), (10, 64), (11, 58), (20, 32), (40, 16)] {
-        let second = first.again(cells[..open].to_vec());
+        let second = first.second_measurement(cells[..open].to_vec());
         assert_eq!((second.cells.len(), second.pairs), (open, pairs));
         assert_eq!((second.launches, second.second), (first.launches, true));
         assert!(open as u32 * pairs <= 40 * 16);
@@ -302,8 +301,9 @@ fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
 #[test]
 fn lines_name_the_measurement_that_they_are_of() {
     for second in [false, true] {
-        let schedule = Schedule { second, ..schedule() };
-        let found = written(&schedule, &mut Simulated::default(), &Before::default(), &NEVER);
+        let schedule = GateSchedule { second, ..schedule() };
+        let found =
+            written(&schedule, &mut Simulated::default(), &EarlierLaunches::default(), &NEVER);
         assert!(found.pairs.iter().all(|pair| pair.second == second));
         assert!(found.launches.iter().all(|launch| launch.second == second));
     }

@@ -1,13 +1,13 @@
 //! The rule of evidence: figures against the bands that they must lie in.
 
 use super::{ALPHA, Verdict};
-use crate::measure::Reading;
+use crate::measure::Quantity;
 use fathom_base::statistics::{self, Interval};
 
 /// Figures that a reason names one by one.
-const MOST_NAMED: usize = 3;
+const MAX_NAMED: usize = 3;
 /// Samples beyond which none is asked for: the figure lies at the bound.
-const MOST_SAMPLES: f64 = 1e4;
+const MAX_SAMPLES: f64 = 1e4;
 
 /// A figure without an interval is not told from a bound of our own within this share of it, at most a quarter of a band with two bounds:
 /// the middle of a narrow band is not near both.
@@ -15,15 +15,15 @@ const NEAR: f64 = 0.1;
 
 /// A figure and the band that it must lie in.
 #[derive(Clone, Debug)]
-pub(super) struct Comparison {
+pub(super) struct BoundCheck {
     pub name: String,
-    pub figure: Figure,
+    pub figure: ClaimFigure,
     pub band: Interval,
 }
 
 #[derive(Clone, Debug)]
-pub(super) enum Figure {
-    Reading(Reading),
+pub(super) enum ClaimFigure {
+    Reading(Quantity),
     /// Fitted to exact figures: the interval holds how far they are off the fit.
     Fitted {
         value: f64,
@@ -31,27 +31,29 @@ pub(super) enum Figure {
     },
 }
 
-impl Figure {
+impl ClaimFigure {
     fn value(&self) -> f64 {
         match self {
-            Figure::Reading(reading) => reading.median(),
-            Figure::Fitted { value, .. } => *value,
+            ClaimFigure::Reading(reading) => reading.median(),
+            ClaimFigure::Fitted { value, .. } => *value,
         }
     }
 
     /// None where there are too few samples.
     fn interval(&self, alpha: f64) -> Option<Interval> {
         match self {
-            Figure::Reading(Reading::Exact(value)) => Some(Interval { low: *value, high: *value }),
-            Figure::Reading(sampled) => statistics::median_interval(&sampled.values(), alpha),
-            Figure::Fitted { interval, .. } => Some(*interval),
+            ClaimFigure::Reading(Quantity::Exact(value)) => {
+                Some(Interval { low: *value, high: *value })
+            }
+            ClaimFigure::Reading(sampled) => statistics::median_interval(&sampled.values(), alpha),
+            ClaimFigure::Fitted { interval, .. } => Some(*interval),
         }
     }
 }
 
-impl Comparison {
-    pub fn new(name: impl Into<String>, reading: Reading, [low, high]: [f64; 2]) -> Self {
-        let figure = Figure::Reading(reading);
+impl BoundCheck {
+    pub fn new(name: impl Into<String>, reading: Quantity, [low, high]: [f64; 2]) -> Self {
+        let figure = ClaimFigure::Reading(reading);
         Self { name: name.into(), figure, band: Interval { low, high } }
     }
 
@@ -63,8 +65,8 @@ impl Comparison {
     /// Samples; none where the figure is exact.
     pub fn n(&self) -> Option<usize> {
         match &self.figure {
-            Figure::Reading(reading) => reading.n(),
-            Figure::Fitted { .. } => None,
+            ClaimFigure::Reading(reading) => reading.n(),
+            ClaimFigure::Fitted { .. } => None,
         }
     }
 
@@ -86,7 +88,7 @@ impl Comparison {
 
     /// The interval holds a bound, or the figure has none and lies within a tenth of one.
     fn is_near(&self, Interval { low, high }: Interval) -> bool {
-        let is_exact = matches!(self.figure, Figure::Reading(Reading::Exact(_)));
+        let is_exact = matches!(self.figure, ClaimFigure::Reading(Quantity::Exact(_)));
         let quarter = (self.band.high - self.band.low) / 4.0;
         let room = |bound: f64| (NEAR * bound.abs()).min(quarter) * (1.0 + 1e-9);
         let near = |bound: f64| {
@@ -114,7 +116,7 @@ impl Comparison {
     fn text(&self, verdict: Verdict, of: usize) -> String {
         let ruled = self.ruled(verdict, of);
         let n = ruled.n.map_or_else(String::new, |n| format!(", n = {n}"));
-        format!("{} {}{n} against {}", self.name, ruled.text(), ruled.asked())
+        format!("{} {}{n} against {}", self.name, ruled.text(), ruled.limits())
     }
 
     /// How far the figure lies inside its band; negative outside.
@@ -138,20 +140,20 @@ impl Comparison {
     /// widened for their number.
     fn settled_by(&self, of: usize) -> String {
         let Some(n) = self.n() else {
-            let is_exact = matches!(self.figure, Figure::Reading(_));
+            let is_exact = matches!(self.figure, ClaimFigure::Reading(_));
             let why =
                 if is_exact { "within a tenth of" } else { "its spread over the cells straddles" };
             return format!("{why} the bound");
         };
         let of = if self.inside() < 0.0 { of } else { 1 };
-        let least = statistics::least_samples(ALPHA / of as f64);
+        let least = statistics::min_samples(ALPHA / of as f64);
         if n < least {
             return format!("{least} samples are needed");
         }
         // The interval shrinks with the root of n, until its end reaches the bound.
         let reach = self.figure.interval(ALPHA / of as f64).map_or(f64::NAN, |i| self.reach(i));
         let needed = n as f64 * (reach / self.inside()).powi(2);
-        if needed.is_finite() && needed <= MOST_SAMPLES {
+        if needed.is_finite() && needed <= MAX_SAMPLES {
             let widened =
                 if of > 1 { format!(", widened for {of} comparisons,") } else { String::new() };
             format!(
@@ -214,7 +216,7 @@ impl RuledFigure {
     }
 
     /// The band: `0.900 – 1.100`, `at most 1.000`.
-    pub fn asked(&self) -> String {
+    pub fn limits(&self) -> String {
         let Interval { low, high } = self.band;
         match (low.is_finite(), high.is_finite()) {
             (true, true) => format!("{} – {}", number(low), number(high)),
@@ -236,15 +238,15 @@ pub(super) struct Judgement {
 }
 
 /// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
-pub(super) fn judge(comparisons: &[Comparison], has_own_bound: bool) -> Option<Judgement> {
+pub(super) fn judge(comparisons: &[BoundCheck], has_own_bound: bool) -> Option<Judgement> {
     let of = comparisons.len();
     let verdicts = comparisons.iter().map(|comparison| comparison.verdict(of, has_own_bound));
     let verdict = verdicts.clone().min()?;
     let (deciding, others): (Vec<_>, Vec<_>) =
         comparisons.iter().zip(verdicts).partition(|(_, v)| *v == verdict);
-    let mut deciding: Vec<&Comparison> = deciding.into_iter().map(|(c, _)| c).collect();
+    let mut deciding: Vec<&BoundCheck> = deciding.into_iter().map(|(c, _)| c).collect();
     deciding.sort_by(|a, b| a.inside().total_cmp(&b.inside()));
-    let named = if verdict == Verdict::Contradicted { MOST_NAMED } else { 1 };
+    let named = if verdict == Verdict::Contradicted { MAX_NAMED } else { 1 };
     let told = deciding.iter().take(named).map(|comparison| {
         let told = comparison.text(verdict, comparisons.len());
         match verdict {

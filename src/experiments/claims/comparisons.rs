@@ -3,10 +3,10 @@
 use itertools::Itertools;
 use serde_json::{Map, Value};
 
-use super::comparison::Comparison;
+use super::comparison::BoundCheck;
 use super::{Tested, read, read_positive, too_few};
 use crate::expand::label_text;
-use crate::measure::{self, Measure, Reading};
+use crate::measure::{self, Measure, Quantity};
 use crate::schema::Direction;
 use fathom_record::Cell;
 
@@ -45,7 +45,7 @@ pub(super) fn ratio(
 /// A figure of each cell.
 pub(super) fn each(y: &Measure, band: [f64; 2], cells: &[&Cell], software: bool) -> Tested {
     let readings = cells.iter().filter_map(|cell| Some((cell.cell.as_str(), read(y, cell)?)));
-    let readings: Vec<(&str, Reading)> = readings.collect();
+    let readings: Vec<(&str, Quantity)> = readings.collect();
     if readings.is_empty() {
         return Err("no cell was measured at the size the claim speaks of".to_owned());
     }
@@ -56,7 +56,7 @@ pub(super) fn each(y: &Measure, band: [f64; 2], cells: &[&Cell], software: bool)
     let several = readings.len() > 1;
     let compared = readings.into_iter().map(|(cell, reading)| {
         let name = if several { format!("{y} of {cell}") } else { y.to_string() };
-        Comparison::new(name, reading, band)
+        BoundCheck::new(name, reading, band)
     });
     Ok(compared.collect())
 }
@@ -75,7 +75,7 @@ pub(super) fn no_worse(
         return Err(format!("{y} was not recorded in both cells"));
     };
     let name = format!("{y} {:.4} against {:.4}, ratio", of.median(), than.median());
-    Ok(vec![Comparison::new(name, of.over(&than), [f64::NEG_INFINITY, 1.0 + margin])])
+    Ok(vec![BoundCheck::new(name, of.ratio_to(&than), [f64::NEG_INFINITY, 1.0 + margin])])
 }
 
 /// Every step goes the claimed way.
@@ -90,7 +90,7 @@ pub(super) fn monotone(y: &Measure, x: &Measure, direction: Direction, cells: &[
             Direction::Falling => ((x1, y1), (x0, y0)),
         };
         let name = format!("at {} over at {}", to.0, from.0);
-        Comparison::new(name, to.1.over(from.1), ABOVE_ONE)
+        BoundCheck::new(name, to.1.ratio_to(from.1), ABOVE_ONE)
     });
     Ok(steps.collect())
 }
@@ -125,19 +125,19 @@ pub(super) fn band(y: &Measure, x: &Measure, [low, high]: [f64; 2], cells: &[&Ce
     let compared = outside.iter().flat_map(|(x_outside, y_outside)| {
         least.map(|(x, y)| {
             let name = format!("at {x_outside} over at {x}, the least inside");
-            Comparison::new(name, y_outside.over(y), ABOVE_ONE)
+            BoundCheck::new(name, y_outside.ratio_to(y), ABOVE_ONE)
         })
     });
     Ok(compared.collect())
 }
 
-fn quotient(over: &(Value, Reading), under: &(Value, Reading), band: [f64; 2]) -> Comparison {
+fn quotient(over: &(Value, Quantity), under: &(Value, Quantity), band: [f64; 2]) -> BoundCheck {
     let name = format!("{} / {}", label_text(&over.0), label_text(&under.0));
-    Comparison::new(name, over.1.over(&under.1), band)
+    BoundCheck::new(name, over.1.ratio_to(&under.1), band)
 }
 
 /// x and y of the cells with a positive y, in the order of x.
-fn points(y: &Measure, x: &Measure, cells: &[&Cell]) -> Vec<(f64, Reading)> {
+fn points(y: &Measure, x: &Measure, cells: &[&Cell]) -> Vec<(f64, Quantity)> {
     let read = |cell: &&Cell| {
         let x = x.read(cell, cell.measured()?)?.median();
         Some((x, read_positive(y, cell)?))
@@ -147,7 +147,7 @@ fn points(y: &Measure, x: &Measure, cells: &[&Cell]) -> Vec<(f64, Reading)> {
 }
 
 /// The cells with a positive y, each under its label on the axis.
-fn labelled(y: &Measure, over: &str, cells: &[&Cell]) -> Vec<(Value, Reading)> {
+fn labelled(y: &Measure, over: &str, cells: &[&Cell]) -> Vec<(Value, Quantity)> {
     let read = |cell: &&Cell| Some((cell.axes.get(over)?.clone(), read_positive(y, cell)?));
     cells.iter().filter_map(read).collect()
 }

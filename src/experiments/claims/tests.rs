@@ -473,11 +473,11 @@ fn nothing_is_concluded_from_few_samples() {
     for rounds in 1..12 {
         let cells = drifting(&[1.0, 2.0], rounds, |n| n, 0.001, 2);
         let (verdict, reason) = ruled(test, &cells, true);
-        let enough = rounds as usize >= least_samples();
+        let enough = rounds as usize >= min_samples();
         assert_eq!(verdict == Supported, enough, "{rounds}: {reason}");
         assert_ne!(verdict, Contradicted, "{rounds}: {reason}");
     }
-    assert_eq!(least_samples(), 8);
+    assert_eq!(min_samples(), 8);
 }
 
 #[test]
@@ -709,8 +709,8 @@ fn a_publications_claim_is_tested_with_its_method_only() {
     let verdicts: Vec<Verdict> = rulings.iter().map(|ruling| ruling.verdict).collect();
     assert_eq!(verdicts, [NotRun, NotRun, Supported]);
     assert_eq!(rulings[1].reason, "no cell runs the publication's method");
-    let whose: Vec<Whose> = rulings.iter().map(|ruling| ruling.whose).collect();
-    assert_eq!(whose, [Whose::Publication, Whose::Publication, Whose::Own]);
+    let whose: Vec<ClaimOrigin> = rulings.iter().map(|ruling| ruling.origin).collect();
+    assert_eq!(whose, [ClaimOrigin::Publication, ClaimOrigin::Publication, ClaimOrigin::Own]);
 }
 
 #[test]

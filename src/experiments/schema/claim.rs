@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::super::{Measure, Whose};
+use super::super::{ClaimOrigin, Measure};
 use super::named::Named;
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -77,8 +77,8 @@ impl Named for Claim {
 }
 
 impl Claim {
-    pub fn whose(&self) -> Whose {
-        if self.source.is_some() { Whose::Publication } else { Whose::Own }
+    pub fn origin(&self) -> ClaimOrigin {
+        if self.source.is_some() { ClaimOrigin::Publication } else { ClaimOrigin::Own }
     }
 
     /// Whether the publication prints a number that the figure is held against. Otherwise the bound is our own, and so it is where the

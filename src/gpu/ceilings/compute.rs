@@ -1,8 +1,8 @@
 //! Kernels that compute, load and clear.
 
-use super::kernel::{Kernel, MAX_TURNS, Output, READ_BYTES};
+use super::kernel::{BenchKernel, KernelOutput, MAX_TURNS, READ_BYTES};
 use crate::shader::compilation_options;
-use crate::{Gpu, GpuError, MOST_LOOP_TURNS, StageScope};
+use crate::{Gpu, GpuError, MAX_ITERATIONS, StageScope};
 use fathom_record::PassKind;
 
 const GROUP_SIZE: u32 = 64;
@@ -19,7 +19,7 @@ const BLOCK_READS: u32 = 1 << 10;
 pub(super) const EDGE: u32 = 64;
 
 /// An entry point of `shaders/ceilings/compute.wgsl`.
-pub(super) struct Code<'a> {
+pub(super) struct KernelCode<'a> {
     pub entry: &'a str,
     /// Work of an invocation in a turn, in units of the limit.
     pub work: u32,
@@ -33,7 +33,7 @@ pub(super) struct Code<'a> {
     pub is_empty: bool,
 }
 
-impl<'a> Code<'a> {
+impl<'a> KernelCode<'a> {
     pub(super) fn new(entry: &'a str, work: u32, result: u32) -> Self {
         Self { entry, work, result, reads: vec![], inner_loops: 0, is_empty: false }
     }
@@ -44,7 +44,7 @@ fn invocations(gpu: &Gpu) -> u32 {
     if gpu.adapter.software { SOFTWARE_INVOCATIONS } else { GPU_INVOCATIONS }
 }
 
-pub(super) fn compute(gpu: &Gpu, code: Code<'_>) -> Result<Kernel, GpuError> {
+pub(super) fn compute(gpu: &Gpu, code: KernelCode<'_>) -> Result<BenchKernel, GpuError> {
     use wgpu::BufferUsages as Usage;
     let shader = gpu.shader("ceilings/compute", &[])?;
     let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -55,7 +55,7 @@ pub(super) fn compute(gpu: &Gpu, code: Code<'_>) -> Result<Kernel, GpuError> {
         compilation_options: compilation_options(),
         cache: None,
     });
-    let Code { work, result, inner_loops, is_empty, .. } = code;
+    let KernelCode { work, result, inner_loops, is_empty, .. } = code;
     let invocations = if is_empty { 1 } else { invocations(gpu) };
     let uniform = gpu.buffer("ceiling", 16, Usage::UNIFORM | Usage::COPY_DST);
     let usage = Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST;
@@ -77,18 +77,18 @@ pub(super) fn compute(gpu: &Gpu, code: Code<'_>) -> Result<Kernel, GpuError> {
             });
         }
     };
-    Ok(Kernel {
+    Ok(BenchKernel {
         work_per_turn: f64::from(invocations) * f64::from(work),
-        max_turns: (MOST_LOOP_TURNS / (1 + inner_loops)) as u32,
+        max_turns: (MAX_ITERATIONS / (1 + inner_loops)) as u32,
         frame_of: is_empty.then_some(PassKind::Compute),
         uniform: Some(uniform),
-        output: Output::Words(results),
+        output: KernelOutput::Words(results),
         expected: Box::new(move |turns| f64::from(result.wrapping_mul(turns))),
         encode: Box::new(encode),
     })
 }
 
-pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<Kernel, GpuError> {
+pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<BenchKernel, GpuError> {
     let data = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("ceiling"),
         size: bytes,
@@ -107,9 +107,9 @@ pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<Kernel, GpuError> {
     let group = u64::from(GROUP_SIZE);
     let groups = u64::from(invocations(gpu)) / group;
     let reads = ((bytes / READ_BYTES / groups).max(group) / group) as u32;
-    let code = Code::new("sum_words", reads * READ_BYTES as u32, reads);
+    let code = KernelCode::new("sum_words", reads * READ_BYTES as u32, reads);
     let reads = vec![(2, data.as_entire_binding())];
-    compute(gpu, Code { reads, inner_loops: u64::from(code.result) + 1, ..code })
+    compute(gpu, KernelCode { reads, inner_loops: u64::from(code.result) + 1, ..code })
 }
 
 /// Loads from a texture of so many slices, at this binding.
@@ -117,7 +117,7 @@ pub(super) fn load(
     gpu: &Gpu,
     entry: &str,
     (binding, slices): (u32, u32),
-) -> Result<Kernel, GpuError> {
+) -> Result<BenchKernel, GpuError> {
     use wgpu::util::DeviceExt as _;
     // The fastest: lavapipe has code of its own for four bytes.
     let (format, channels) = if gpu.adapter.software {
@@ -143,22 +143,22 @@ pub(super) fn load(
     let texture = device.create_texture_with_data(queue, &descriptor, Default::default(), &bytes);
     let view = texture.create_view(&Default::default());
     let reads = vec![(binding, wgpu::BindingResource::TextureView(&view))];
-    compute(gpu, Code { reads, ..Code::new(entry, OPERATIONS, OPERATIONS / 2) })
+    compute(gpu, KernelCode { reads, ..KernelCode::new(entry, OPERATIONS, OPERATIONS / 2) })
 }
 
-pub(super) fn clear(gpu: &Gpu, bytes: u64) -> Kernel {
+pub(super) fn clear(gpu: &Gpu, bytes: u64) -> BenchKernel {
     let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     let buffer = gpu.buffer("ceiling", bytes, usage);
     let cleared = buffer.clone();
     let encode = move |scope: &mut StageScope<'_>, turns| {
         scope.copy(|encoder| (0..turns).for_each(|_| encoder.clear_buffer(&cleared, 0, None)));
     };
-    Kernel {
+    BenchKernel {
         work_per_turn: bytes as f64,
         max_turns: MAX_TURNS,
         frame_of: None,
         uniform: None,
-        output: Output::Cleared(buffer),
+        output: KernelOutput::Cleared(buffer),
         expected: Box::new(|_| 0.0),
         encode: Box::new(encode),
     }

@@ -15,7 +15,7 @@ const TOLERANCE: f64 = 1e-6;
 type Encode = Box<dyn Fn(&mut StageScope<'_>, u32)>;
 
 /// Passes whose work is known.
-pub(super) struct Kernel {
+pub(super) struct BenchKernel {
     /// Work of a turn, in units of the limit.
     pub work_per_turn: f64,
     /// Beyond so many turns the result is not exact, or a loop is too long.
@@ -24,21 +24,21 @@ pub(super) struct Kernel {
     pub frame_of: Option<PassKind>,
     /// Holds the number of turns.
     pub uniform: Option<wgpu::Buffer>,
-    pub output: Output,
+    pub output: KernelOutput,
     /// What every value of the output is after so many turns.
     pub expected: Box<dyn Fn(u32) -> f64>,
     pub encode: Encode,
 }
 
 /// What a kernel writes.
-pub(super) enum Output {
+pub(super) enum KernelOutput {
     /// Added to from zero on.
     Words(wgpu::Buffer),
     Cleared(wgpu::Buffer),
     Texels(wgpu::Texture),
 }
 
-impl Kernel {
+impl BenchKernel {
     /// Sets the number of turns, and the ones that the compiler must not know.
     pub(super) fn prepare(&self, gpu: &Gpu, turns: u32) {
         if let Some(uniform) = &self.uniform {
@@ -50,25 +50,25 @@ impl Kernel {
     /// Clears what a run leaves, where the run itself does not.
     pub(super) fn reset(&self, gpu: &Gpu) {
         match &self.output {
-            Output::Words(buffer) => {
+            KernelOutput::Words(buffer) => {
                 let mut encoder = gpu.device.create_command_encoder(&Default::default());
                 encoder.clear_buffer(buffer, 0, None);
                 gpu.queue.submit([encoder.finish()]);
             }
-            Output::Cleared(buffer) => {
+            KernelOutput::Cleared(buffer) => {
                 let end = buffer.size() - READ_BYTES;
                 gpu.queue.write_buffer(buffer, end, &[1; READ_BYTES as usize]);
             }
-            Output::Texels(_) => {}
+            KernelOutput::Texels(_) => {}
         }
     }
 
     /// Runs it once more and compares its result. The inner error says how it differs.
-    pub(super) fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
+    pub(super) fn check(&self, gpu: &Gpu, iterations: u32) -> Result<Result<(), String>, GpuError> {
         self.reset(gpu);
-        self.prepare(gpu, turns);
-        gpu.run(&[&Turns { kernel: self, turns }])?;
-        self.compare(gpu, turns)
+        self.prepare(gpu, iterations);
+        gpu.run(&[&KernelRun { kernel: self, iterations }])?;
+        self.compare(gpu, iterations)
     }
 
     /// Compares what a run of so many turns has left after a reset with the CPU's answer.
@@ -76,13 +76,13 @@ impl Kernel {
         let expected = (self.expected)(turns);
         let is_wrong = |value: &f64| (value - expected).abs() > TOLERANCE * expected;
         let wrong = match &self.output {
-            Output::Words(buffer) | Output::Cleared(buffer) => {
+            KernelOutput::Words(buffer) | KernelOutput::Cleared(buffer) => {
                 let bytes = read_buffer(gpu, buffer)?;
                 let word = (expected as u32).to_le_bytes();
                 let wrong = bytes.as_chunks().0.iter().find(|found| **found != word);
                 wrong.map(|found| f64::from(u32::from_le_bytes(*found)))
             }
-            Output::Texels(texture) => {
+            KernelOutput::Texels(texture) => {
                 let texels = read_texture(gpu, texture)?.data;
                 texels.into_iter().map(f64::from).find(is_wrong)
             }
@@ -96,17 +96,17 @@ impl Kernel {
 }
 
 /// A kernel with its number of turns.
-pub(super) struct Turns<'a> {
-    pub kernel: &'a Kernel,
-    pub turns: u32,
+pub(super) struct KernelRun<'a> {
+    pub kernel: &'a BenchKernel,
+    pub iterations: u32,
 }
 
-impl TimedStage for Turns<'_> {
+impl TimedStage for KernelRun<'_> {
     fn name(&self) -> &'static str {
         "ceiling"
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        (self.kernel.encode)(scope, self.turns);
+        (self.kernel.encode)(scope, self.iterations);
     }
 }

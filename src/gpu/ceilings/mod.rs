@@ -13,7 +13,7 @@ mod waker;
 
 pub use waker::Waker;
 
-use self::kernel::{Kernel, Turns};
+use self::kernel::{BenchKernel, KernelRun};
 use super::{ClockPlan, FrameTimer, Gpu, GpuError};
 use fathom_base::statistics::{estimate, median};
 use fathom_record::ceilings::{CACHED_SET_BYTES, Ceiling, Limit, MEMORY_SET_BYTES};
@@ -25,9 +25,9 @@ const GPU_PASS_NS: f64 = 0.5e6;
 /// Samples with N work, and as many with 2 N: enough for an interval of the rates.
 const ROUNDS: usize = 7;
 /// The difference between 2 N and N work counts as at least this share of the time for N, so that rates are finite.
-const LEAST_SHARE: f64 = 0.01;
+const MIN_SHARE: f64 = 0.01;
 /// On a busy machine the cost of a submission, which is subtracted, can exceed a pass's time: the difference is at least this, ns.
-const LEAST_NS: f64 = 1.0;
+const MIN_NS: f64 = 1.0;
 /// A measurement whose law does not hold is repeated so many times: something else may have run.
 const ATTEMPTS: usize = 3;
 /// N is raised so many times before that where a pass costs too much whatever its work. A driver that leaves out work stays fast.
@@ -69,17 +69,17 @@ pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuE
     let mut bench = TestBench::new(gpu, plan, &kernel)?;
     let most = kernel.max_turns / 2;
     let turns = bench.calibrate(most)?;
-    let (turns, ceiling) = attempted(turns, most, |turns| bench.ceiling(limit, turns))?;
+    let (turns, ceiling) = retry_until_sound(turns, most, |turns| bench.ceiling(limit, turns))?;
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
     kernel.check(gpu, 2 * turns)?.map_err(wrong)?;
     Ok(ceiling)
 }
 
 /// The kernel of a limit.
-fn kernel_of(gpu: &Gpu, limit: Limit) -> Result<Kernel, GpuError> {
-    use compute::{CHAINED, Code, EDGE, OPERATIONS, clear, compute, load, read};
+fn kernel_of(gpu: &Gpu, limit: Limit) -> Result<BenchKernel, GpuError> {
+    use compute::{CHAINED, EDGE, KernelCode, OPERATIONS, clear, compute, load, read};
     use wgpu::TextureFormat::{R8Unorm, R32Float};
-    gpu.scoped(|| match limit {
+    gpu.catch(|| match limit {
         Limit::ReadCached => read(gpu, CACHED_SET_BYTES),
         Limit::ReadMemory => read(gpu, MEMORY_SET_BYTES),
         Limit::WriteCached => Ok(clear(gpu, CACHED_SET_BYTES)),
@@ -91,14 +91,16 @@ fn kernel_of(gpu: &Gpu, limit: Limit) -> Result<Kernel, GpuError> {
         Limit::SmallTriangles => raster::small_triangles(gpu),
         Limit::Loads2d => load(gpu, "load_2d", (3, 1)),
         Limit::Loads3d => load(gpu, "load_3d", (4, EDGE)),
-        Limit::AtomicAdds => compute(gpu, Code::new("add", OPERATIONS, OPERATIONS)),
-        Limit::MultiplyAdds => compute(gpu, Code::new("multiply_add", CHAINED, CHAINED)),
-        Limit::EmptyPasses => compute(gpu, Code { is_empty: true, ..Code::new("count", 1, 1) }),
+        Limit::AtomicAdds => compute(gpu, KernelCode::new("add", OPERATIONS, OPERATIONS)),
+        Limit::MultiplyAdds => compute(gpu, KernelCode::new("multiply_add", CHAINED, CHAINED)),
+        Limit::EmptyPasses => {
+            compute(gpu, KernelCode { is_empty: true, ..KernelCode::new("count", 1, 1) })
+        }
     })
 }
 
 /// A sound measurement or the last of some, and its turns.
-fn attempted(
+fn retry_until_sound(
     mut turns: u32,
     most: u32,
     mut measured: impl FnMut(u32) -> Result<Ceiling, GpuError>,
@@ -119,28 +121,28 @@ fn attempted(
 /// A kernel and the clock that times it.
 struct TestBench<'a> {
     gpu: &'a Gpu,
-    kernel: &'a Kernel,
+    kernel: &'a BenchKernel,
     timer: FrameTimer,
 }
 
 impl<'a> TestBench<'a> {
-    fn new(gpu: &'a Gpu, plan: ClockPlan, kernel: &'a Kernel) -> Result<Self, GpuError> {
+    fn new(gpu: &'a Gpu, plan: ClockPlan, kernel: &'a BenchKernel) -> Result<Self, GpuError> {
         Ok(Self { gpu, kernel, timer: FrameTimer::new(gpu, plan, 1)? })
     }
 
     /// Time of so many turns, ns; not above zero where it is shorter than the clock can tell. A frame with a fault is taken again.
-    fn time_ns(&mut self, turns: u32) -> Result<f64, GpuError> {
+    fn time_ns(&mut self, iterations: u32) -> Result<f64, GpuError> {
         const TRIES: usize = 8;
         let Self { gpu, kernel, timer } = self;
         for _ in 0..TRIES {
-            kernel.prepare(gpu, turns);
+            kernel.prepare(gpu, iterations);
             // What was queued must not be part of the pass.
             gpu.queue.submit([]);
             gpu.wait()?;
-            let stage = &Turns { kernel, turns };
+            let stage = &KernelRun { kernel, iterations };
             let ns = match kernel.frame_of {
-                None => timer.timed(gpu, &[stage])?.stages[0].ns,
-                Some(kind) => timer.untimed(gpu, &[stage])? - timer.plan().submit_cost.of(kind),
+                None => timer.time_stages(gpu, &[stage])?.stages[0].ns,
+                Some(kind) => timer.run_stages(gpu, &[stage])? - timer.plan().submit_cost.ns(kind),
             };
             if ns.is_finite() {
                 return Ok(ns);
@@ -178,15 +180,14 @@ impl<'a> TestBench<'a> {
         }
         let [once, twice] = times_ns;
         let work = f64::from(turns) * self.kernel.work_per_turn;
-        Ok(of_times(limit, work, &once, &twice))
+        Ok(compute_ceiling(limit, work, &once, &twice))
     }
 }
 
 /// What times in ns of so much work and of twice as much, pair by pair, say of a limit.
-fn of_times(limit: Limit, work: f64, once: &[f64], twice: &[f64]) -> Ceiling {
+fn compute_ceiling(limit: Limit, work: f64, once: &[f64], twice: &[f64]) -> Ceiling {
     // The second N of the work, without what a pass costs whatever its work.
-    let difference =
-        |(once, twice): (&f64, &f64)| (twice - once).max(LEAST_SHARE * once).max(LEAST_NS);
+    let difference = |(once, twice): (&f64, &f64)| (twice - once).max(MIN_SHARE * once).max(MIN_NS);
     let seconds = once.iter().zip(twice).map(|pair| difference(pair) * 1e-9);
     let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
     Ceiling { limit, rate, doubling: median(twice) / median(once) }

@@ -1,6 +1,6 @@
 //! Kernels that draw: fill and small triangles.
 
-use super::kernel::{Kernel, MAX_TURNS, Output};
+use super::kernel::{BenchKernel, KernelOutput, MAX_TURNS};
 use crate::shader::compilation_options;
 use crate::{ColorTarget, Gpu, GpuError, StageScope, Targets};
 
@@ -16,7 +16,7 @@ pub(super) fn fill(
     gpu: &Gpu,
     format: wgpu::TextureFormat,
     is_blended: bool,
-) -> Result<Kernel, GpuError> {
+) -> Result<BenchKernel, GpuError> {
     let edge = if gpu.adapter.software { SOFTWARE_EDGE } else { GPU_EDGE };
     let pipeline = pipeline(gpu, ("whole", None), format, is_blended)?;
     let target = target(gpu, format, [edge; 2]);
@@ -33,19 +33,19 @@ pub(super) fn fill(
         let ones = if is_blended { f64::from(turns) } else { 1.0 };
         if format == wgpu::TextureFormat::R8Unorm { (ones / 255.0).min(1.0) } else { ones }
     };
-    Ok(Kernel {
+    Ok(BenchKernel {
         work_per_turn: f64::from(edge).powi(2),
         max_turns: MAX_TURNS,
         frame_of: None,
         uniform: None,
-        output: Output::Texels(target),
+        output: KernelOutput::Texels(target),
         expected: Box::new(expected),
         encode: Box::new(encode),
     })
 }
 
 /// A grid of triangles, each as large as a pixel, that all face away.
-pub(super) fn small_triangles(gpu: &Gpu) -> Result<Kernel, GpuError> {
+pub(super) fn small_triangles(gpu: &Gpu) -> Result<BenchKernel, GpuError> {
     let format = wgpu::TextureFormat::R8Unorm;
     let pipeline = pipeline(gpu, ("grid", Some(wgpu::Face::Front)), format, true)?;
     let target = target(gpu, format, [2 * COLUMNS, ROWS]);
@@ -58,12 +58,12 @@ pub(super) fn small_triangles(gpu: &Gpu) -> Result<Kernel, GpuError> {
             pass.draw_indexed(0..3 * triangles, 0, 0..turns);
         });
     };
-    Ok(Kernel {
+    Ok(BenchKernel {
         work_per_turn: f64::from(triangles),
         max_turns: MAX_TURNS,
         frame_of: None,
         uniform: None,
-        output: Output::Texels(target),
+        output: KernelOutput::Texels(target),
         expected: Box::new(|_| 0.0),
         encode: Box::new(encode),
     })

@@ -2,11 +2,11 @@ use super::*;
 use crate::Options;
 
 /// Whether so many turns in place of so many are noticed.
-fn skips(gpu: &Gpu, kernel: &Kernel, run: u32, told: u32) -> bool {
+fn skips(gpu: &Gpu, kernel: &BenchKernel, run: u32, told: u32) -> bool {
     kernel.reset(gpu);
     kernel.prepare(gpu, run);
     if run > 0 {
-        gpu.run(&[&Turns { kernel, turns: run }]).unwrap();
+        gpu.run(&[&KernelRun { kernel, iterations: run }]).unwrap();
     }
     kernel.compare(gpu, told).unwrap().is_err()
 }
@@ -42,7 +42,7 @@ fn kernels_give_the_results_of_the_cpu_and_skipped_work_is_noticed() {
 fn tried(most: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
     let mut tried = Vec::new();
     let limit = Limit::MultiplyAdds;
-    let (turns, ceiling) = attempted(10, most, |turns| {
+    let (turns, ceiling) = retry_until_sound(10, most, |turns| {
         tried.push(turns);
         // Three of seven rounds meet something else that runs.
         let round = |turns: u32| {
@@ -50,7 +50,7 @@ fn tried(most: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
             (0..ROUNDS).map(|n| if n % 2 == 1 { 5.0 * ns } else { ns }).collect::<Vec<f64>>()
         };
         let [once, twice] = [turns, 2 * turns].map(round);
-        Ok(of_times(limit, f64::from(turns), &once, &twice))
+        Ok(compute_ceiling(limit, f64::from(turns), &once, &twice))
     })
     .unwrap();
     assert_eq!(tried.last(), Some(&turns));
@@ -60,7 +60,7 @@ fn tried(most: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
 #[test]
 fn rates_are_positive_where_a_busy_machine_makes_times_negative() {
     let limit = Limit::MultiplyAdds;
-    let ceiling = of_times(
+    let ceiling = compute_ceiling(
         limit,
         10.0,
         &[-5.0, 9.0, -2.0, 8.0, 7.0, 9.0, 8.0],

@@ -10,7 +10,7 @@ use crate::{ClockPlan, Gpu, GpuError, SubmitCost};
 use fathom_record::ceilings::Limit;
 
 /// Longest that a GPU is given to reach its clock, seconds: three times what the H100 took.
-const MOST_S: f64 = 0.5;
+const MAX_S: f64 = 0.5;
 /// A kernel that takes at most so many times its shortest time runs at the full clock. Host times scatter by less.
 const TOLERANCE: f64 = 1.1;
 /// Kernels in one go, about 2 ms: long beside the jitter of a submission.
@@ -19,7 +19,7 @@ const REPEATED: u32 = 4;
 /// Repeats arithmetic of known length until it is as fast as it ever was on this device.
 #[derive(Default)]
 pub struct Waker {
-    turns: u32,
+    iterations: u32,
     /// 0 before the first reading.
     shortest_ns: f64,
 }
@@ -36,12 +36,12 @@ impl Waker {
         let kernel = kernel_of(gpu, Limit::MultiplyAdds)?;
         let plan = ClockPlan::fenced(SubmitCost::default());
         let mut bench = TestBench::new(gpu, plan, &kernel)?;
-        if self.turns == 0 {
+        if self.iterations == 0 {
             let most = kernel.max_turns / REPEATED;
-            self.turns = REPEATED * bench.calibrate(most)?;
+            self.iterations = REPEATED * bench.calibrate(most)?;
         }
         let start = Instant::now();
-        let turns = self.turns;
+        let turns = self.iterations;
         self.until_fast(|| Ok((bench.time_ns(turns)?, start.elapsed().as_secs_f64())))
     }
 
@@ -55,7 +55,7 @@ impl Waker {
             let (ns, elapsed_s) = reading()?;
             let is_first = self.shortest_ns == 0.0;
             self.shortest_ns = if is_first { ns } else { self.shortest_ns.min(ns) };
-            if ns <= enough_ns || elapsed_s >= MOST_S {
+            if ns <= enough_ns || elapsed_s >= MAX_S {
                 return Ok(());
             }
         }
@@ -81,11 +81,11 @@ mod tests {
     #[test]
     fn a_gpu_works_until_its_clock_is_up_and_no_longer() {
         let mut waker = Waker::default();
-        assert!(woken(&mut waker, 0.15) >= MOST_S, "it cannot know yet");
+        assert!(woken(&mut waker, 0.15) >= MAX_S, "it cannot know yet");
         assert!(woken(&mut waker, 0.0) < 3e-3, "it is awake");
         let slept = woken(&mut waker, 0.15);
         assert!((0.15..0.16).contains(&slept), "{slept}");
         let hot = woken(&mut waker, f64::INFINITY);
-        assert!((MOST_S..MOST_S + 0.01).contains(&hot), "{hot}");
+        assert!((MAX_S..MAX_S + 0.01).contains(&hot), "{hot}");
     }
 }

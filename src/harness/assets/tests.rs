@@ -6,7 +6,7 @@ use flate2::{Compression, write::GzEncoder};
 use tempfile::TempDir;
 
 use super::*;
-use fathom_scene::assets::Content;
+use fathom_scene::assets::AssetKind;
 
 /// An asset whose content is `abc`.
 const ABC: Asset = Asset {
@@ -14,9 +14,9 @@ const ABC: Asset = Asset {
     about: "three letters",
     file: "abc.txt",
     sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
-    source: Source::Debian { package: "abc-data", path: "/usr/share/abc.txt" },
+    source: AssetSource::Debian { package: "abc-data", path: "/usr/share/abc.txt" },
     licence: "MIT",
-    content: Content::Mesh,
+    content: AssetKind::Mesh,
     stand_in: ("knot", &[]),
 };
 
@@ -62,12 +62,12 @@ fn a_file_with_another_sum_is_never_used() {
 fn crates_are_found_in_any_registry() {
     let file = "cargo/registry/src/some-registry/abc-1.0.0/media/abc.txt";
     let (folder, places) = places(&[(file, "abc")]);
-    assert_eq!(places.in_registry("abc-1.0.0", "media/abc.txt"), [folder.path().join(file)]);
-    assert!(places.in_registry("abc-2.0.0", "media/abc.txt").is_empty());
+    assert_eq!(places.find_in_registry("abc-1.0.0", "media/abc.txt"), [folder.path().join(file)]);
+    assert!(places.find_in_registry("abc-2.0.0", "media/abc.txt").is_empty());
 }
 
 /// [`ABC`], but no package has it.
-const BY_HAND: Asset = Asset { source: Source::ByHand, ..ABC };
+const BY_HAND: Asset = Asset { source: AssetSource::ByHand, ..ABC };
 
 #[test]
 fn an_asset_without_package_is_told_to_be_absent_and_that_is_no_failure() {

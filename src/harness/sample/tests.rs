@@ -48,16 +48,16 @@ fn cell(time: FrameTime) -> MockCell {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Did {
+enum MockStep {
     Prepare,
     Timed,
     Untimed,
     Release,
 }
-use Did::*;
+use MockStep::*;
 
 /// What was done, and to which cell.
-type Call = (Did, usize);
+type Call = (MockStep, usize);
 
 #[derive(Default)]
 struct Mock {
@@ -86,7 +86,7 @@ struct Mock {
 }
 
 impl Mock {
-    fn of(cells: Vec<MockCell>) -> Self {
+    fn new(cells: Vec<MockCell>) -> Self {
         Self { cells, ..Self::default() }
     }
 
@@ -135,7 +135,7 @@ impl Mock {
         self.results[&cell].as_ref().expect_err("it failed")
     }
 
-    fn count(&self, wanted: Did) -> usize {
+    fn count(&self, wanted: MockStep) -> usize {
         self.calls.iter().filter(|(did, _)| *did == wanted).count()
     }
 }
@@ -154,14 +154,14 @@ impl Executor for Mock {
         }
     }
 
-    fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
+    fn time_frame(&mut self, cell: usize) -> Result<FrameSample, Failure> {
         self.calls.push((Timed, cell));
         if let Some(busy) = &mut self.busy {
             self.now_s += 0.01;
             return Ok(busy.timed());
         }
         let (ns, frame) = self.frame(cell)?;
-        let stage = |name, clock, ns| StageTime { clock, ns, ..StageTime::none(name) };
+        let stage = |name, clock, ns| StageTime { clock, ns, ..StageTime::zero(name) };
         Ok(FrameSample {
             stages: vec![
                 stage("a", Clock::Timestamp, 0.3 * ns),
@@ -173,7 +173,7 @@ impl Executor for Mock {
         })
     }
 
-    fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
+    fn run_frame(&mut self, cell: usize) -> Result<f64, Failure> {
         self.calls.push((Untimed, cell));
         if let Some(busy) = &mut self.busy {
             self.now_s += 0.01;
@@ -182,11 +182,11 @@ impl Executor for Mock {
         self.frame(cell).map(|(ns, _)| ns)
     }
 
-    fn earlier(&mut self, cell: usize) -> Samples {
+    fn earlier_samples(&mut self, cell: usize) -> Samples {
         self.earlier.get(&cell).cloned().unwrap_or_default()
     }
 
-    fn keep(&mut self, cell: usize, samples: &Samples) -> Result<(), String> {
+    fn save(&mut self, cell: usize, samples: &Samples) -> Result<(), String> {
         self.kept.push((self.now_s, cell, samples.clone()));
         self.earlier.insert(cell, samples.clone());
         Ok(())
@@ -202,12 +202,12 @@ impl Executor for Mock {
         self.cells[cell].untimed_only
     }
 
-    fn foreseen(&self, cell: usize) -> Foreseen {
+    fn forecast(&self, cell: usize) -> CostForecast {
         if self.unforeseen {
-            return Foreseen::default();
+            return CostForecast::default();
         }
         let MockCell { prepare_s, time, finish_s, .. } = self.cells[cell];
-        Foreseen { prepare_s, pair_s: 2e-9 * time(100, self.now_s), finish_s }
+        CostForecast { prepare_s, pair_s: 2e-9 * time(100, self.now_s), finish_s }
     }
 
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), String> {
@@ -215,7 +215,7 @@ impl Executor for Mock {
             return Err("disk full".to_owned());
         }
         if let Ok(samples) = &result {
-            self.keep(cell, samples)?;
+            self.save(cell, samples)?;
         }
         self.last_step_s = self.now_s;
         self.now_s += self.cells[cell].finish_s;
@@ -234,7 +234,7 @@ impl Executor for Mock {
         self.calls.push((Release, cell));
     }
 
-    fn lost(&self) -> Option<String> {
+    fn loss_reason(&self) -> Option<String> {
         self.lost.clone()
     }
 
@@ -275,11 +275,11 @@ fn cells_get_the_pairs_of_their_next_look_in_common_rounds() {
 fn first_visits_are_few_where_frames_are_slow() {
     let visits = |time: FrameTime| {
         let settings = Settings { goal: Goal::FirstVisits, ..SETTINGS };
-        let mock = Mock::of(vec![cell(time)]).run(&settings);
+        let mock = Mock::new(vec![cell(time)]).run(&settings);
         mock.samples(0).pairs()
     };
     assert_eq!(visits(|_, _| 1e7), MIN_PAIRS);
-    assert_eq!(visits(|_, _| 2e9), LEAST_FIRST_PAIRS);
+    assert_eq!(visits(|_, _| 2e9), MIN_FIRST_PAIRS);
 }
 
 /// Whatever its cells cost; where that is not foreseen, the step that the deadline meets is the last.
@@ -297,7 +297,7 @@ fn nothing_is_begun_that_does_not_fit_before_the_deadline() {
         cells[2].time = |_, _| 3e8;
         let deadline_s = random.random_range(0.0..20.0);
         let settings = Settings { deadline_s, at_least_one: unforeseen, ..SETTINGS };
-        let mock = Mock { unforeseen, ..Mock::of(cells) }.run(&settings);
+        let mock = Mock { unforeseen, ..Mock::new(cells) }.run(&settings);
         let last_s = if unforeseen { mock.last_step_s } else { mock.now_s - 1e-6 };
         assert!(last_s <= deadline_s, "{last_s} of {deadline_s}, {unforeseen}");
         assert_eq!(mock.count(Prepare), mock.count(Release));
@@ -309,7 +309,7 @@ fn nothing_is_begun_that_does_not_fit_before_the_deadline() {
 fn one_pair_of_one_cell_is_begun_whatever_is_foreseen_while_there_is_time() {
     let run = |deadline_s, at_least_one| {
         let slow = || MockCell { finish_s: 9.0, ..STEADY };
-        Mock::of(vec![slow(), slow()]).run(&Settings { deadline_s, at_least_one, ..SETTINGS })
+        Mock::new(vec![slow(), slow()]).run(&Settings { deadline_s, at_least_one, ..SETTINGS })
     };
     let mock = run(1.0, true);
     assert_eq!(mock.results.len(), 1);
@@ -320,11 +320,11 @@ fn one_pair_of_one_cell_is_begun_whatever_is_foreseen_while_there_is_time() {
 #[test]
 fn a_cell_says_why_it_stopped() {
     let stopped = |time: FrameTime| {
-        let mock = Mock::of(vec![cell(time)]).run(&SETTINGS);
+        let mock = Mock::new(vec![cell(time)]).run(&SETTINGS);
         (mock.samples(0).stopped, mock.samples(0).pairs())
     };
-    assert_eq!(stopped(|f, _| 1e7 * noise(f, 0.01)), (Stopped::Precise, MIN_PAIRS));
-    assert_eq!(stopped(|f, _| 9e7 * noise(f, 0.9)), (Stopped::OutOfTime, MIN_PAIRS));
+    assert_eq!(stopped(|f, _| 1e7 * noise(f, 0.01)), (StopReason::Precise, MIN_PAIRS));
+    assert_eq!(stopped(|f, _| 9e7 * noise(f, 0.9)), (StopReason::OutOfTime, MIN_PAIRS));
 }
 
 /// Deterministic noise of ±`share`, different for each frame.
@@ -336,13 +336,13 @@ fn noise(frame: usize, share: f64) -> f64 {
 #[test]
 fn cells_whose_times_nobody_asks_for_render_one_frame() {
     let errors = || MockCell { untimed_only: true, bytes: 900, ..STEADY };
-    let mock = Mock::of(vec![errors(), STEADY, errors()]).run(&SETTINGS);
+    let mock = Mock::new(vec![errors(), STEADY, errors()]).run(&SETTINGS);
     for cell in [0, 2] {
         let frames =
             mock.calls.iter().filter(|(did, of)| matches!(did, Timed | Untimed) && *of == cell);
         assert_eq!(frames.collect::<Vec<_>>(), [&(Untimed, cell)]);
         assert_eq!(mock.samples(cell).pairs(), 0);
-        assert_eq!(mock.samples(cell).stopped, Stopped::UntimedOnly);
+        assert_eq!(mock.samples(cell).stopped, StopReason::UntimedOnly);
     }
     assert_eq!(mock.samples(1).pairs(), MIN_PAIRS);
 }
@@ -350,7 +350,7 @@ fn cells_whose_times_nobody_asks_for_render_one_frame() {
 #[test]
 fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
     let sized = || MockCell { bytes: 600, ..STEADY };
-    let mock = Mock::of(vec![STEADY, STEADY, sized(), sized()]);
+    let mock = Mock::new(vec![STEADY, STEADY, sized(), sized()]);
     let mock = mock.run(&Settings { first_round: 40, ..SETTINGS });
     let rounds = |cell: usize| mock.samples(cell).each(|pair| pair.round);
     assert_eq!(rounds(0), (40..40 + MIN_PAIRS as u32).collect::<Vec<_>>());
@@ -364,10 +364,10 @@ fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
 fn warm_up_ends_when_frames_no_longer_get_faster() {
     let compiles = cell(|f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1e7));
     let never_steady = cell(|f, _| 1e9 * 0.8f64.powi(f as i32));
-    let mock = Mock::of(vec![STEADY, compiles, never_steady]).run(&SETTINGS);
+    let mock = Mock::new(vec![STEADY, compiles, never_steady]).run(&SETTINGS);
     assert_eq!(mock.samples(0).warm_up_frames, 2);
     assert_eq!(mock.samples(1).warm_up_frames, 5);
-    let taken = &mock.samples(1).taken;
+    let taken = &mock.samples(1).pairs;
     assert!(taken.iter().all(|pair| pair.envelope_ns == 1e7), "no compiling frame is a sample");
     assert!(!mock.samples(1).unsteady);
     assert_eq!(mock.samples(2).warm_up_frames, MAX_WARM_UP_FRAMES);
@@ -379,7 +379,7 @@ fn drift_affects_all_cells_alike() {
     // The machine slows down by half over the run; the second cell does twice the first one's work.
     let one = cell(|_, now| 1e7 * (1.0 + now / 20.0));
     let two = cell(|_, now| 2e7 * (1.0 + now / 20.0));
-    let mock = Mock::of(vec![one, two]).run(&SETTINGS);
+    let mock = Mock::new(vec![one, two]).run(&SETTINGS);
     let n = mock.samples(0).pairs().min(mock.samples(1).pairs());
     let envelopes = |cell: usize| mock.samples(cell).each(|pair| pair.envelope_ns);
     let median = |cell: usize| statistics::median(&envelopes(cell)[..n]);
@@ -390,7 +390,7 @@ fn drift_affects_all_cells_alike() {
 #[test]
 fn timed_and_untimed_frames_alternate_in_random_order() {
     let noisy = || cell(|f, _| 2e7 * noise(f, 0.9));
-    let mock = Mock::of(vec![noisy(), noisy(), noisy()]).run(&SETTINGS);
+    let mock = Mock::new(vec![noisy(), noisy(), noisy()]).run(&SETTINGS);
     let frames: Vec<Call> = (mock.calls.iter().copied())
         .filter(|(did, _)| matches!(did, Timed | Untimed))
         .skip(12)
@@ -411,7 +411,7 @@ fn timed_and_untimed_frames_alternate_in_random_order() {
 fn cells_that_a_claim_compares_are_visited_together_and_their_frames_alternate() {
     let noisy = || cell(|f, _| 2e7 * noise(f, 0.9));
     let cells = vec![noisy(), noisy(), noisy(), noisy()];
-    let mock = Mock { compared: vec![3, 1], ..Mock::of(cells) }.run(&SETTINGS);
+    let mock = Mock { compared: vec![3, 1], ..Mock::new(cells) }.run(&SETTINGS);
     let frames = mock.calls.iter().filter(|(did, _)| matches!(did, Timed | Untimed));
     let compared: Vec<(usize, Call)> =
         frames.copied().enumerate().filter(|(_, (_, cell))| [1, 3].contains(cell)).collect();
@@ -438,7 +438,7 @@ fn a_device_that_is_lost_within_a_visit_leaves_no_frame_without_its_other() {
         let loses = MockCell { loses_device_at: Some(at), ..STEADY };
         let noisy = || cell(|f, _| 1e7 * noise(f, 0.5));
         let cells = vec![noisy(), loses, noisy()];
-        let mock = Mock { compared: vec![0, 1, 2], ..Mock::of(cells) }.run(&SETTINGS);
+        let mock = Mock { compared: vec![0, 1, 2], ..Mock::new(cells) }.run(&SETTINGS);
         assert_eq!(mock.reason(1), "device lost: gone");
         for cell in [0, 2] {
             let rounds = mock.samples(cell).each(|pair| pair.round);
@@ -454,7 +454,7 @@ fn a_device_that_is_lost_within_a_visit_leaves_no_frame_without_its_other() {
 fn the_seed_decides_the_order() {
     let calls = |seed| {
         let cells = (0..4).map(|_| cell(|f, _| 5e7 * noise(f, 0.5)));
-        Mock::of(cells.collect()).run(&Settings { seed, ..SETTINGS }).calls
+        Mock::new(cells.collect()).run(&Settings { seed, ..SETTINGS }).calls
     };
     assert_eq!(calls(1), calls(1));
     assert_ne!(calls(1), calls(2));
@@ -463,24 +463,24 @@ fn the_seed_decides_the_order() {
 #[test]
 fn faulty_frames_are_counted_and_never_used() {
     let sometimes = MockCell { faulty: |f| f % 8 == 5, ..STEADY };
-    let mock = Mock::of(vec![sometimes]).run(&SETTINGS);
+    let mock = Mock::new(vec![sometimes]).run(&SETTINGS);
     let samples = mock.samples(0);
     assert_eq!(samples.rejected.keys().collect::<Vec<_>>(), [&FaultKind::FrameNotPositive.into()]);
-    assert!(samples.taken.iter().all(|pair| pair.envelope_ns > 0.0));
+    assert!(samples.pairs.iter().all(|pair| pair.envelope_ns > 0.0));
 }
 
 #[test]
 fn a_cell_with_too_many_faults_fails_with_the_reason() {
     let always = MockCell { faulty: |_| true, ..STEADY };
-    let mock = Mock::of(vec![always, STEADY]).run(&SETTINGS);
+    let mock = Mock::new(vec![always, STEADY]).run(&SETTINGS);
     assert_eq!(mock.reason(0), "6 of 6 timed frames rejected: frame time not positive (6 times)");
-    assert_eq!(mock.samples(1).stopped, Stopped::Precise);
+    assert_eq!(mock.samples(1).stopped, StopReason::Precise);
 }
 
 #[test]
 fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
     let refuses = MockCell { refuses: true, ..STEADY };
-    let mock = Mock::of(vec![STEADY, refuses, STEADY]).run(&SETTINGS);
+    let mock = Mock::new(vec![STEADY, refuses, STEADY]).run(&SETTINGS);
     assert_eq!(mock.reason(1), "out of GPU memory");
     assert!(mock.calls.contains(&(Release, 1)));
     assert_eq!(mock.results.len(), 3);
@@ -490,7 +490,7 @@ fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
 #[test]
 fn groups_fit_into_memory_and_are_released() {
     let sized = |bytes| MockCell { bytes, ..STEADY };
-    let mock = Mock::of([400, 400, 300, 5_000, 100].map(sized).into()).run(&SETTINGS);
+    let mock = Mock::new([400, 400, 300, 5_000, 100].map(sized).into()).run(&SETTINGS);
     let (mut alive, mut most) = (BTreeSet::new(), 0);
     let mut groups: Vec<usize> = Vec::new();
     for call in &mock.calls {
@@ -518,7 +518,7 @@ fn groups_fit_into_memory_and_are_released() {
 fn a_device_that_is_lost_while_figures_are_read_is_opened_once_more() {
     let loses = MockCell { loses_device_at_finish: true, ..STEADY };
     let noisy = cell(|f, _| 1e7 * noise(f, 0.5));
-    let mock = Mock::of(vec![loses, noisy]).run(&SETTINGS);
+    let mock = Mock::new(vec![loses, noisy]).run(&SETTINGS);
     assert_eq!(mock.reason(0), "device lost: gone");
     assert!(mock.recovered && mock.samples(1).pairs() >= MIN_PAIRS);
     assert_eq!(mock.calls.iter().filter(|call| **call == (Prepare, 1)).count(), 2);
@@ -529,7 +529,7 @@ fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
     let alone = |time| MockCell { time, bytes: 900, ..STEADY };
     let cells = vec![alone(|_, _| 1e7), alone(|_, _| 1e9), alone(|_, _| 1e7)];
     // The slow cell warms up for two seconds, and a pair takes two more.
-    let mock = Mock { interrupt_at_s: Some(3.0), ..Mock::of(cells) }.run(&SETTINGS);
+    let mock = Mock { interrupt_at_s: Some(3.0), ..Mock::new(cells) }.run(&SETTINGS);
     assert_eq!(mock.results.keys().copied().collect::<Vec<_>>(), [0]);
     assert!(mock.now_s < 5.0, "it ends after the pair that is under way: {}", mock.now_s);
     assert_eq!(mock.count(Prepare), 2);
@@ -538,7 +538,7 @@ fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
 
 #[test]
 fn an_error_of_the_caller_ends_the_run() {
-    let mut mock = Mock { disk_full: true, ..Mock::of(vec![STEADY]) };
+    let mut mock = Mock { disk_full: true, ..Mock::new(vec![STEADY]) };
     assert_eq!(mock.try_run(&SETTINGS), Err("disk full".to_owned()));
 }
 

@@ -10,11 +10,10 @@ use rand::{Rng, RngExt};
 
 /// Cells whose frames take no longer than this together are visited in random order. Noise of a shared machine correlates
 /// within about that time. Longer chains keep their order, so that the neighbours in a fit are neighbours in time.
-pub const TOGETHER_S: f64 = 0.3;
+pub const MAX_VISIT_S: f64 = 0.3;
 
-/// A frame of a visit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Frame {
+pub struct VisitFrame {
     pub cell: usize,
     /// With per-stage timing.
     pub timed: bool,
@@ -43,10 +42,10 @@ impl Visits {
         wanting: &[usize],
         pair_s: impl Fn(usize) -> f64,
         random: &mut impl Rng,
-    ) -> Vec<Vec<Frame>> {
+    ) -> Vec<Vec<VisitFrame>> {
         let visits = self.0.iter_mut().map(|chain| {
             let present = chain.cells.iter().filter(|cell| wanting.contains(cell));
-            let is_short = present.map(|cell| pair_s(*cell)).sum::<f64>() <= TOGETHER_S;
+            let is_short = present.map(|cell| pair_s(*cell)).sum::<f64>() <= MAX_VISIT_S;
             let order = chain.next(is_short, random).into_iter().filter(|c| wanting.contains(c));
             frames(&order.collect::<Vec<_>>(), is_short, random.random_bool(0.5))
         });
@@ -75,9 +74,9 @@ impl Chain {
 
 /// In a short visit all frames of one kind and then all of the other: a frame that follows one of its own cell finds its caches
 /// warm, and is up to 3 % faster. In a long one the two frames of a cell follow each other, so that they are comparable too.
-fn frames(order: &[usize], is_short: bool, timed_first: bool) -> Vec<Frame> {
+fn frames(order: &[usize], is_short: bool, timed_first: bool) -> Vec<VisitFrame> {
     let kinds = [timed_first, !timed_first];
-    let frame = |cell: &usize, timed| Frame { cell: *cell, timed };
+    let frame = |cell: &usize, timed| VisitFrame { cell: *cell, timed };
     if is_short {
         kinds.iter().flat_map(|timed| order.iter().map(|cell| frame(cell, *timed))).collect()
     } else {
@@ -94,7 +93,7 @@ mod tests {
     use super::*;
     use fathom_base::statistics::{median, ratio_estimate};
 
-    fn cells(visit: &[Frame]) -> Vec<usize> {
+    fn cells(visit: &[VisitFrame]) -> Vec<usize> {
         visit.iter().map(|frame| frame.cell).collect()
     }
 
@@ -134,12 +133,12 @@ mod tests {
 
     /// Multiplicative noise on a modelled clock. Of its variance 0.6 decays with a time constant of 0.45 s and the rest is each
     /// frame's own: log times correlate as measured on a shared machine (0.56 within 0.1 s, 0.25 after 0.5 s, none after 2 s).
-    struct Noise {
+    struct MachineNoise {
         level: f64,
         random: Pcg64,
     }
 
-    impl Noise {
+    impl MachineNoise {
         const SIGMA: f64 = 0.12;
         const SHARED: f64 = 0.6;
         const LASTS_S: f64 = 0.45;
@@ -160,7 +159,7 @@ mod tests {
     /// Half widths of the ratios of twins, `2n` and `2n + 1`, after so many rounds, and the share of the intervals that hold 1.
     fn ratios(chains: impl IntoIterator<Item = Vec<usize>>, rounds: usize) -> (f64, f64) {
         const TWINS: usize = 400;
-        let mut noise = Noise { level: 0.0, random: Pcg64::seed_from_u64(3) };
+        let mut noise = MachineNoise { level: 0.0, random: Pcg64::seed_from_u64(3) };
         let mut random = Pcg64::seed_from_u64(4);
         let mut visits = Visits::new(chains);
         let wanting = (0..2 * TWINS).collect_vec();
@@ -168,7 +167,7 @@ mod tests {
         let length_s = |cell: usize| 0.01 * (1 + cell / 2 % 5) as f64;
         for _ in 0..rounds {
             let round = visits.round(&wanting, |cell| 2.0 * length_s(cell), &mut random);
-            for Frame { cell, timed } in round.into_iter().flatten() {
+            for VisitFrame { cell, timed } in round.into_iter().flatten() {
                 let s = noise.frame(length_s(cell));
                 if timed {
                     taken[cell].push(s);

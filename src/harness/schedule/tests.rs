@@ -14,17 +14,16 @@ struct Cost {
 
 const USUAL: Cost = Cost { prepare_s: 0.1, frame_s: 0.05, finish_s: 0.1 };
 
-/// A run whose schedule knows only what it has seen.
-struct Model {
+struct SimulatedRun {
     schedule: Schedule,
     costs: Vec<Vec<Cost>>,
     now_s: f64,
     done: Vec<Batch>,
 }
 
-impl Model {
+impl SimulatedRun {
     /// Each experiment has one unit; the first cells of the first two are those of two pipelines.
-    fn of(costs: Vec<Vec<Cost>>, claims: &[usize]) -> Self {
+    fn new(costs: Vec<Vec<Cost>>, claims: &[usize]) -> Self {
         let state = |pipeline: usize, cost: &Cost| CellState {
             pipeline: (pipeline % 2).to_string(),
             declared_s: cost.frame_s,
@@ -34,7 +33,7 @@ impl Model {
         let of_experiment = |(pipeline, costs): (usize, &Vec<Cost>)| {
             costs.iter().map(|cost| state(pipeline, cost)).collect()
         };
-        let unit = |(experiment, costs): (usize, &Vec<Cost>)| Unit {
+        let unit = |(experiment, costs): (usize, &Vec<Cost>)| ClaimUnit {
             experiment,
             cells: (0..costs.len()).collect(),
             claims: claims[experiment],
@@ -57,7 +56,7 @@ impl Model {
         for (cell, target) in batch.cells.iter().zip(targets(batch.goal, &pairs)) {
             let Cost { prepare_s, frame_s, finish_s } = self.costs[batch.experiment][*cell];
             let state = &mut cells[*cell];
-            let first = Foreseen { pair_s: 2.0 * frame_s, ..Foreseen::default() };
+            let first = CostForecast { pair_s: 2.0 * frame_s, ..CostForecast::default() };
             self.now_s += match batch.goal {
                 Goal::FirstVisits => prepare_s + first.first_visits_s(),
                 _ => prepare_s + first.visit_s(target - state.pairs),
@@ -65,7 +64,7 @@ impl Model {
             self.now_s += if state.recorded { 0.0 } else { finish_s };
             state.recorded = true;
             state.pairs = target;
-            state.seen = Seen {
+            state.costs = CellCosts {
                 prepare_s: Some(prepare_s),
                 pair_s: Some(2.0 * frame_s),
                 finish_s: Some(finish_s),
@@ -89,7 +88,7 @@ impl Model {
 fn each_pipeline_is_seen_first_then_claims_by_their_price_then_the_rest() {
     let slow = Cost { frame_s: 0.5, ..USUAL };
     let costs = vec![vec![USUAL; 2], vec![USUAL; 3], vec![slow; 2], vec![USUAL; 4]];
-    let mut model = Model::of(costs, &[1, 2, 3, 0]);
+    let mut model = SimulatedRun::new(costs, &[1, 2, 3, 0]);
     for _ in 0..6 {
         assert!(model.step(1e6));
     }
@@ -102,7 +101,7 @@ fn each_pipeline_is_seen_first_then_claims_by_their_price_then_the_rest() {
 
 #[test]
 fn open_claims_come_before_wide_cells_and_all_ends_when_nothing_is_open() {
-    let mut model = Model::of(vec![vec![USUAL; 2], vec![USUAL; 2]], &[1, 1]);
+    let mut model = SimulatedRun::new(vec![vec![USUAL; 2], vec![USUAL; 2]], &[1, 1]);
     for _ in 0..4 {
         assert!(model.step(1e6));
     }
@@ -112,7 +111,7 @@ fn open_claims_come_before_wide_cells_and_all_ends_when_nothing_is_open() {
     assert_eq!(model.schedule.next(1e6), None, "all are precise, and no claim is open");
     model.schedule.cells[0][0].half_width = 0.5;
     model.schedule.open = vec![OpenClaim { experiment: 1, cells: vec![0, 1] }];
-    let next = |model: &mut Model| model.schedule.next(1e6).unwrap();
+    let next = |model: &mut SimulatedRun| model.schedule.next(1e6).unwrap();
     assert_eq!(next(&mut model), Batch { experiment: 1, cells: vec![0, 1], goal: Goal::NextLook });
     model.schedule.open.clear();
     assert_eq!(next(&mut model), Batch { experiment: 0, cells: vec![0], goal: Goal::NextLook });
@@ -122,7 +121,7 @@ fn open_claims_come_before_wide_cells_and_all_ends_when_nothing_is_open() {
 
 #[test]
 fn one_cell_is_begun_however_short_the_time_if_there_is_any() {
-    let model = || Model::of(vec![vec![USUAL; 2], vec![USUAL]], &[1, 1]);
+    let model = || SimulatedRun::new(vec![vec![USUAL; 2], vec![USUAL]], &[1, 1]);
     assert!(model().run(0.0).done.is_empty());
     let model = model().run(1e-3);
     assert_eq!(model.done.len(), 1, "{:?}", model.done);
@@ -133,7 +132,7 @@ fn one_cell_is_begun_however_short_the_time_if_there_is_any() {
 #[test]
 fn a_resumed_run_measures_what_was_not_reached_first() {
     let costs = vec![vec![USUAL; 2], vec![USUAL; 2], vec![USUAL; 2]];
-    let mut model = Model::of(costs, &[0, 0, 0]);
+    let mut model = SimulatedRun::new(costs, &[0, 0, 0]);
     for experiment in [0, 1] {
         for state in &mut model.schedule.cells[experiment] {
             (state.recorded, state.pairs) = (true, MIN_PAIRS);
@@ -148,7 +147,7 @@ fn a_resumed_run_measures_what_was_not_reached_first() {
 #[test]
 fn time_that_no_unit_seems_to_fit_into_is_used() {
     let long = Cost { finish_s: 5.0, ..USUAL };
-    let model = Model::of(vec![vec![long], vec![USUAL; 8]], &[0, 1]).run(30.0);
+    let model = SimulatedRun::new(vec![vec![long], vec![USUAL; 8]], &[0, 1]).run(30.0);
     assert!(model.schedule.all().all(|cell| cell.recorded), "{:?}", model.done);
 }
 
@@ -156,7 +155,7 @@ fn time_that_no_unit_seems_to_fit_into_is_used() {
 #[test]
 fn runs_that_are_shorter_than_a_unit_measure_its_cells_one_by_one() {
     let slow = Cost { frame_s: 1.0, ..USUAL };
-    let mut model = Model::of(vec![vec![USUAL], vec![slow; 8]], &[0, 1]);
+    let mut model = SimulatedRun::new(vec![vec![USUAL], vec![slow; 8]], &[0, 1]);
     for run in 0..8 {
         model.now_s = 0.0;
         model = model.run(60.0);
@@ -164,7 +163,7 @@ fn runs_that_are_shorter_than_a_unit_measure_its_cells_one_by_one() {
     }
     assert!(model.schedule.all().all(|cell| cell.recorded), "{:?}", model.done);
     // Where there is time for all of them, they are sampled together.
-    let together = Model::of(vec![vec![USUAL], vec![slow; 8]], &[0, 1]).run(1e4);
+    let together = SimulatedRun::new(vec![vec![USUAL], vec![slow; 8]], &[0, 1]).run(1e4);
     let second = together.done.iter().filter(|batch| batch.experiment == 1).nth(1).unwrap();
     assert_eq!((second.cells.len(), second.goal), (8, Goal::FirstLook));
 }
@@ -182,7 +181,7 @@ proptest! {
         let claims: Vec<usize> = (0..costs.len()).collect();
         let largest = costs.iter().flatten().map(|c| c.prepare_s + c.finish_s).fold(0.0, f64::max);
         let cells: usize = costs.iter().map(Vec::len).max().unwrap_or(0);
-        let model = Model::of(costs, &claims).run(budget_s);
+        let model = SimulatedRun::new(costs, &claims).run(budget_s);
         // The last batch may hold cells of an experiment of which nothing was seen before.
         prop_assert!(model.now_s <= budget_s + largest * cells as f64);
         prop_assert!(!model.done.is_empty());
@@ -191,7 +190,7 @@ proptest! {
 
 #[test]
 fn sizes_of_a_sweep_are_begun_together() {
-    let mut model = Model::of(vec![vec![USUAL; 2], vec![USUAL; 3]], &[1, 0]);
+    let mut model = SimulatedRun::new(vec![vec![USUAL; 2], vec![USUAL; 3]], &[1, 0]);
     (model.schedule.first, model.schedule.sweeps) = (vec![(0, 0)], vec![(1, vec![0, 1, 2])]);
     let mut begun = Vec::new();
     for _ in 0..2 {

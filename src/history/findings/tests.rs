@@ -3,19 +3,20 @@ use rand_pcg::Pcg64;
 
 use super::*;
 use crate::run::FigureKey;
-use crate::stored::{Point, SeriesKey};
+use crate::stored::{RunValue, SeriesKey};
 
 fn key(cell: usize) -> SeriesKey {
     let cell = format!("cell {cell}");
     let names = ["a", "d", "quick", &cell, "0", "frame", "ns", ""];
-    let figure = FigureKey::of_names(names.map(Into::into));
+    let figure = FigureKey::from_names(names.map(Into::into));
     SeriesKey { branch: "main".to_owned(), machine: "m".into(), figure }
 }
 
 fn stored(series: Vec<Vec<f64>>) -> StoredRuns {
     let series = series.into_iter().enumerate().map(|(cell, values)| {
-        let point = |(run, median)| Point { run, value: Estimate { median, interval: None, n: 1 } };
-        Series { key: key(cell), points: values.into_iter().enumerate().map(point).collect() }
+        let point =
+            |(run, median)| RunValue { run, value: Estimate { median, interval: None, n: 1 } };
+        FigureSeries { key: key(cell), points: values.into_iter().enumerate().map(point).collect() }
     });
     StoredRuns { series: series.collect(), ..StoredRuns::default() }
 }
@@ -35,7 +36,7 @@ fn history(seed: u64, series: usize, stepped: usize, share: f64) -> StoredRuns {
 fn sizes_have_intervals_that_hold_the_truth_and_larger_ones_come_first() {
     let mut all = history(1, 8, 8, 0.05);
     all.series[3].points[25..].iter_mut().for_each(|point| point.value.median *= 1.2 / 1.05);
-    let findings = Findings::of(&all);
+    let findings = HistoryChanges::find(&all);
     assert_eq!(
         (findings.changes.len(), findings.count(Certainty::Sure), findings.searched),
         (8, 8, 8)
@@ -46,7 +47,7 @@ fn sizes_have_intervals_that_hold_the_truth_and_larger_ones_come_first() {
         let interval = share.interval.unwrap();
         let truth = if change.series == 3 { 0.2 } else { 0.05 };
         assert!(interval.low < truth + 0.01 && truth - 0.01 < interval.high, "{change:?}");
-        assert!(change.at.abs_diff(25) <= 1 && change.n[0] + change.n[1] == 50, "{change:?}");
+        assert!(change.point.abs_diff(25) <= 1 && change.n[0] + change.n[1] == 50, "{change:?}");
     }
 }
 
@@ -54,7 +55,7 @@ fn sizes_have_intervals_that_hold_the_truth_and_larger_ones_come_first() {
 fn few_of_the_sure_changes_are_false() {
     let (mut sure, mut wrong) = (0, 0);
     for seed in 0..20 {
-        let findings = Findings::of(&history(seed, 200, 10, 0.02));
+        let findings = HistoryChanges::find(&history(seed, 200, 10, 0.02));
         let told = findings.changes.iter().filter(|change| change.is_sure());
         for change in told {
             sure += 1;
@@ -70,11 +71,11 @@ fn few_of_the_sure_changes_are_false() {
 fn short_series_are_counted_and_zeros_have_differences() {
     let mut exact = vec![0.0; 20];
     exact.extend([0.5; 20]);
-    let findings = Findings::of(&stored(vec![vec![1.0; LEAST_RUNS - 1], exact]));
+    let findings = HistoryChanges::find(&stored(vec![vec![1.0; MIN_RUNS - 1], exact]));
     assert_eq!((findings.searched, findings.too_short), (1, 1));
     let [change] = findings.changes.as_slice() else { panic!("{findings:?}") };
     let Size::Difference(difference) = change.size else { panic!("{change:?}") };
-    assert_eq!((difference.median, change.at, change.runs), (0.5, 20, [19, 20]));
+    assert_eq!((difference.median, change.point, change.runs), (0.5, 20, [19, 20]));
 }
 
 /// A history on a machine whose times take `machine` times as long in a run, as its limits tell; `program` is what the commits do.
@@ -96,7 +97,7 @@ fn on_machine(
     for control in &mut all.controls {
         let names =
             ["a", "d", "", "limits of the adapter", "", &control.key.figure.cell, "B/s", ""];
-        control.key.figure = FigureKey::of_names(names.map(Into::into));
+        control.key.figure = FigureKey::from_names(names.map(Into::into));
     }
     all
 }
@@ -115,25 +116,26 @@ fn still(_: usize) -> f64 {
 }
 
 /// Places and sizes of the changes that are told of commits, and the number of those of the machine, over so many histories.
-fn told(
+fn simulate(
     histories: u64,
     machine: impl Fn(usize) -> f64,
     program: impl Fn(usize) -> f64,
 ) -> (Vec<(usize, f64)>, usize) {
-    let all = (0..histories).map(|seed| Findings::of(&on_machine(seed, &machine, &program)));
-    let (drift, changes): (Vec<Change>, Vec<Change>) = all
+    let all =
+        (0..histories).map(|seed| HistoryChanges::find(&on_machine(seed, &machine, &program)));
+    let (drift, changes): (Vec<SeriesChange>, Vec<SeriesChange>) = all
         .flat_map(|findings| findings.changes)
         .partition(|change| change.certainty() == Certainty::Drift);
-    let of = |change: &Change| (change.at, change.size.estimate().median);
+    let of = |change: &SeriesChange| (change.point, change.size.estimate().median);
     (changes.iter().map(of).collect(), drift.len())
 }
 
 #[test]
 fn drift_of_the_machine_is_no_change_of_a_commit() {
     // 400 series each. Of 20, one has a change by chance, and an interval of 95 % misses.
-    let (changes, drift) = told(50, step(30, 0.08), still);
+    let (changes, drift) = simulate(50, step(30, 0.08), still);
     assert!(changes.len() <= 40 && drift >= 360, "{} {drift}", changes.len());
-    let (changes, drift) = told(50, ramp, still);
+    let (changes, drift) = simulate(50, ramp, still);
     assert!(changes.len() <= drift / 10 && drift >= 400, "{} {drift}", changes.len());
 }
 
@@ -148,7 +150,7 @@ fn a_change_during_drift_is_told_with_its_own_size() {
         ("a step in another night", &step(45, 0.1)),
         ("drift", &ramp),
     ] {
-        let (changes, _) = told(20, machine, step(30, 0.06));
+        let (changes, _) = simulate(20, machine, step(30, 0.06));
         let there: Vec<(usize, f64)> =
             changes.into_iter().filter(|(at, _)| at.abs_diff(30) <= 2).collect();
         assert!(there.len() >= 150, "{name}: {}", there.len());
@@ -160,6 +162,6 @@ fn a_change_during_drift_is_told_with_its_own_size() {
 fn controls_of_another_machine_explain_nothing() {
     let mut all = on_machine(1, step(30, 0.08), still);
     all.controls.iter_mut().for_each(|control| control.key.machine = "other".into());
-    let findings = Findings::of(&all);
+    let findings = HistoryChanges::find(&all);
     assert_eq!((findings.count(Certainty::Sure), findings.count(Certainty::Drift)), (8, 0));
 }

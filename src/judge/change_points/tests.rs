@@ -9,7 +9,7 @@ use super::*;
 use crate::rank::normal;
 
 fn points(values: &[f64]) -> Vec<usize> {
-    change_points(values, &mut Scores::default()).iter().map(|point| point.at).collect()
+    change_points(values, &mut Scores::default()).iter().map(|point| point.first).collect()
 }
 
 fn noise(random: &mut Pcg64, n: usize) -> Vec<f64> {
@@ -60,18 +60,18 @@ fn least_runs_are_the_fewest_that_reach_the_level() {
     };
     let p = |n: usize| {
         let at = n / 2;
-        of_largest(one_split(((n - 1) as f64).sqrt(), at, n, 1), n) / WHOLE_SHARE
+        max_split_p_value(split_p_value(((n - 1) as f64).sqrt(), at, n, 1), n) / WHOLE_SHARE
     };
-    assert!(p(LEAST_RUNS) <= LEVEL, "{}", p(LEAST_RUNS));
-    assert!(p(LEAST_RUNS - 1) > LEVEL, "{}", p(LEAST_RUNS - 1));
-    assert_eq!(points(&step(LEAST_RUNS - 1)), [0_usize; 0]);
+    assert!(p(MIN_RUNS) <= LEVEL, "{}", p(MIN_RUNS));
+    assert!(p(MIN_RUNS - 1) > LEVEL, "{}", p(MIN_RUNS - 1));
+    assert_eq!(points(&step(MIN_RUNS - 1)), [0_usize; 0]);
     assert_eq!(points(&step(16)), [8]);
 }
 
-type Draw = fn(&mut Pcg64, usize) -> Vec<f64>;
+type DrawSeries = fn(&mut Pcg64, usize) -> Vec<f64>;
 
 /// False points in 1,000 stable series.
-fn false_points(seed: u64, n: usize, draw: Draw) -> usize {
+fn false_points(seed: u64, n: usize, draw: DrawSeries) -> usize {
     let mut random = Pcg64::seed_from_u64(seed);
     let mut scores = Scores::default();
     (0..1_000).map(|_| change_points(&draw(&mut random, n), &mut scores).len()).sum()
@@ -79,7 +79,7 @@ fn false_points(seed: u64, n: usize, draw: Draw) -> usize {
 
 #[test]
 fn stable_series_have_few_false_points_whatever_their_noise() {
-    for (n, draw) in [(30, noise as Draw), (30, with_outliers), (120, with_outliers)] {
+    for (n, draw) in [(30, noise as DrawSeries), (30, with_outliers), (120, with_outliers)] {
         let found = false_points(3, n, draw);
         // At most the level of 1,000, and three standard deviations.
         assert!(found <= 128, "{found} of 1,000 series of {n} runs");

@@ -8,28 +8,28 @@ use fathom_experiments::{flatten, label_text};
 use fathom_record::{Cell, OVER_BUDGET, Outcome};
 
 /// Names that stand in one row.
-pub const MOST_NAMED: usize = 3;
+pub const MAX_NAMED: usize = 3;
 
 /// A cell, and what there is to say of it.
-pub type Told<'a> = (&'a Cell, String);
+pub type CellRemark<'a> = (&'a Cell, String);
 
 /// Cells of two runs by what became of them.
 #[derive(Default)]
-pub struct Cells<'a> {
+pub struct CellMatches<'a> {
     /// Of the same pipeline, scene and parameters, measured in both runs.
     pub both: Vec<[&'a Cell; 2]>,
-    pub new: Vec<Told<'a>>,
-    pub missing: Vec<Told<'a>>,
+    pub new: Vec<CellRemark<'a>>,
+    pub missing: Vec<CellRemark<'a>>,
     /// Measured in the base only, and why.
-    pub lost: Vec<Told<'a>>,
+    pub lost: Vec<CellRemark<'a>>,
     /// Measured in the head only, and why not in the base.
-    pub gained: Vec<Told<'a>>,
+    pub gained: Vec<CellRemark<'a>>,
     /// Under one name with another pipeline, scene or parameter.
-    pub redefined: Vec<Told<'a>>,
+    pub redefined: Vec<CellRemark<'a>>,
 }
 
-impl<'a> Cells<'a> {
-    pub fn of([base, head]: [Vec<&'a Cell>; 2]) -> Self {
+impl<'a> CellMatches<'a> {
+    pub fn match_runs([base, head]: [Vec<&'a Cell>; 2]) -> Self {
         let name = |cell: &&'a Cell| (cell.experiment.as_str(), cell.cell.as_str());
         let mut before: BTreeMap<_, &Cell> = base.iter().map(|cell| (name(cell), *cell)).collect();
         let mut cells = Self::default();
@@ -74,7 +74,7 @@ pub fn redefinition(base: &Cell, head: &Cell) -> String {
     });
     let differing = before.keys().chain(after.keys()).unique();
     let differing = differing.filter(|name| before.get(*name) != after.get(*name));
-    let differing = differing.take(MOST_NAMED);
+    let differing = differing.take(MAX_NAMED);
     let value = |of: &BTreeMap<String, String>, name| of.get(name).map_or("none", |v| v).to_owned();
     differing
         .map(|name| format!("{name} {} → {}", value(&before, name), value(&after, name)))

@@ -27,7 +27,7 @@ impl ClaimChange<'_> {
         };
         let [base, head] = self.rulings;
         let asked = head.deciding.first().or(base.deciding.first());
-        let asked = asked.map_or_else(String::new, |f| format!("; {} is asked", f.asked()));
+        let asked = asked.map_or_else(String::new, |f| format!("; {} is asked", f.limits()));
         let redefined = if self.redefined { "; its definition changed" } else { "" };
         format!("{} → {}{asked}{redefined}", figure(base), figure(head))
     }

@@ -19,13 +19,13 @@ use fathom_base::statistics::{self, ALPHA, MAD_TO_SIGMA, Z_95};
 use fathom_record::{Cell, Estimate, Interval, StageRecord};
 
 /// Stages that a common ratio and a scatter are told from: fewer cannot tell a change of the machine from one of a stage.
-const LEAST_STAGES: usize = 8;
+const MIN_STAGES: usize = 8;
 /// Degrees of freedom of Student's distribution. Between two runs of one build on a loaded machine, 574 times: 5 % lay beyond 2.24
 /// and 1 % beyond 3.35 times what the middle half gives for a standard deviation. 8 degrees give 2.20 and 3.20, a normal distribution
 /// 1.96 and 2.58.
 const TAILS: f64 = 8.0;
 /// Standard error of a median over that of a mean, of normal samples: √(π/2).
-const OF_A_MEDIAN: f64 = 1.253_314;
+const MEDIAN_EFFICIENCY: f64 = 1.253_314;
 
 /// The time of a stage, or of a frame, in one cell of both runs.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ pub struct TimeChange<'a> {
 
 impl<'a> TimeChange<'a> {
     /// None where a side has too few samples for an interval.
-    fn of(cell: &'a Cell, stage: Option<&'a str>, times: [Estimate; 2]) -> Option<Self> {
+    fn new(cell: &'a Cell, stage: Option<&'a str>, times: [Estimate; 2]) -> Option<Self> {
         let [base, head] = times;
         let (b, h) = (base.interval?, head.interval?);
         let interval = Some(Interval { low: h.low / b.high, high: h.high / b.low });
@@ -50,10 +50,10 @@ impl<'a> TimeChange<'a> {
         (b.low > 0.0 && h.low > 0.0).then_some(Self { cell, stage, times, ratio })
     }
 
-    fn unit(&self, common: f64) -> Unit {
+    fn unit(&self, common: f64) -> StageShift {
         let of = |time: &Estimate| (time.ends()[1] / time.ends()[0]).ln() / (2.0 * Z_95);
         let error = of(&self.times[0]).hypot(of(&self.times[1]));
-        Unit { off: (self.ratio.median / common).ln(), error }
+        StageShift { log_ratio: (self.ratio.median / common).ln(), error }
     }
 
     /// The intervals do not overlap, with this ratio taken off.
@@ -69,9 +69,9 @@ impl<'a> TimeChange<'a> {
 }
 
 /// What is judged among others of its kind.
-struct Unit {
+struct StageShift {
     /// Logarithm of its ratio over the common one.
-    off: f64,
+    log_ratio: f64,
     /// Standard error of that.
     error: f64,
 }
@@ -82,38 +82,38 @@ fn null() -> StudentsT {
 }
 
 /// The scale of their scatter, as most did not change.
-fn scale(units: &[Unit]) -> f64 {
-    let off = units.iter().map(|unit| unit.off.abs()).collect_vec();
+fn scale(units: &[StageShift]) -> f64 {
+    let off = units.iter().map(|unit| unit.log_ratio.abs()).collect_vec();
     statistics::median(&off) / null().inverse_cdf(0.75)
 }
 
 /// How far times of stages scatter between two runs, as shares.
 #[derive(Clone, Copy, Debug)]
-pub struct Scatter {
+pub struct RunScatter {
     pub between: f64,
     /// A change of one stage that is surely listed: its probability is small enough even if it is the only one
     /// (the first step of [`benjamini_hochberg`]).
     pub visible: f64,
 }
 
-impl Scatter {
-    fn of(units: &[Unit]) -> Option<Self> {
-        let scale = (units.len() >= LEAST_STAGES).then(|| scale(units))?;
+impl RunScatter {
+    fn estimate(units: &[StageShift]) -> Option<Self> {
+        let scale = (units.len() >= MIN_STAGES).then(|| scale(units))?;
         let farthest = null().inverse_cdf(1.0 - ALPHA / 2.0 / units.len() as f64);
         Some(Self { between: scale.exp_m1(), visible: (farthest * scale).exp_m1() })
     }
 }
 
 /// Which of these units changed; none among too few.
-fn judge(units: &[Unit]) -> Vec<bool> {
-    if units.len() < LEAST_STAGES {
+fn judge(units: &[StageShift]) -> Vec<bool> {
+    if units.len() < MIN_STAGES {
         return vec![false; units.len()];
     }
     let null = null();
     let errors = units.iter().map(|unit| unit.error.powi(2)).collect_vec();
     // What the errors of the samples do not explain.
     let between = (scale(units).powi(2) - statistics::median(&errors)).max(0.0);
-    let probability = |unit: &Unit| match unit.off.abs() {
+    let probability = |unit: &StageShift| match unit.log_ratio.abs() {
         off if off > 0.0 => 2.0 * null.sf(off / (between + unit.error.powi(2)).sqrt()),
         _ => 1.0,
     };
@@ -122,9 +122,8 @@ fn judge(units: &[Unit]) -> Vec<bool> {
     adjusted.into_iter().map(|adjusted| adjusted <= ALPHA).collect()
 }
 
-/// What all stages have in common.
 #[derive(Clone, Copy, Debug)]
-pub struct Common {
+pub struct CommonShift {
     /// The median of the stages' ratios, and those between which half of the stages lie.
     pub ratio: f64,
     pub half: Interval,
@@ -139,24 +138,23 @@ pub struct StageChange<'a> {
     /// The median of those that changed, over their cells.
     pub ratio: Estimate,
     /// The furthest from the common ratio first.
-    pub found: Vec<TimeChange<'a>>,
+    pub changes: Vec<TimeChange<'a>>,
 }
 
-/// Times of two runs against each other.
-pub struct Times<'a> {
+pub struct TimeChanges<'a> {
     pub all: Vec<TimeChange<'a>>,
     /// Stages of cells that another clock timed in the other run, or too short or with too few samples in one of them.
     pub uncompared: usize,
     pub stages: usize,
     /// None of too few stages.
-    pub common: Option<Common>,
-    pub scatter: Option<Scatter>,
+    pub common: Option<CommonShift>,
+    pub scatter: Option<RunScatter>,
     /// Stages that changed in the median of their cells, then those that did in some cells: what costs or saves most time first.
     pub changed: Vec<StageChange<'a>>,
 }
 
-impl<'a> Times<'a> {
-    pub fn of(cells: &[[&'a Cell; 2]]) -> Self {
+impl<'a> TimeChanges<'a> {
+    pub fn compare(cells: &[[&'a Cell; 2]]) -> Self {
         let (mut all, mut uncompared) = (Vec::new(), 0);
         for cell in cells {
             uncompared += add(*cell, &mut all);
@@ -166,7 +164,7 @@ impl<'a> Times<'a> {
             stages.entry(time.name()).or_default().push(time.clone());
         }
         let ratios = stages.values().map(|times| median_ratio(times).median).collect_vec();
-        let common = (ratios.len() >= LEAST_STAGES).then(|| Common {
+        let common = (ratios.len() >= MIN_STAGES).then(|| CommonShift {
             ratio: statistics::median(&ratios),
             half: Interval {
                 low: statistics::quantile(&ratios, 0.25),
@@ -174,7 +172,8 @@ impl<'a> Times<'a> {
             },
         });
         let changed = common.map_or_else(Vec::new, |common| changed(&stages, &all, common.ratio));
-        let scatter = common.and_then(|common| Scatter::of(&stage_units(&stages, common.ratio)));
+        let scatter =
+            common.and_then(|common| RunScatter::estimate(&stage_units(&stages, common.ratio)));
         Self { all, uncompared, stages: stages.len(), common, scatter, changed }
     }
 
@@ -183,7 +182,7 @@ impl<'a> Times<'a> {
     }
 
     /// How many times have intervals that do not overlap, with no more said than that.
-    pub fn apart(&self) -> usize {
+    pub fn count_disjoint(&self) -> usize {
         self.all.iter().filter(|time| time.is_apart(1.0)).count()
     }
 }
@@ -194,14 +193,14 @@ fn add<'a>([base, head]: [&'a Cell; 2], all: &mut Vec<TimeChange<'a>>) -> usize 
     if !(b.is_timed() && h.is_timed()) {
         return 0;
     }
-    all.extend(TimeChange::of(head, None, [b.frame.untimed, h.frame.untimed]));
+    all.extend(TimeChange::new(head, None, [b.frame.untimed, h.frame.untimed]));
     let before: BTreeMap<&str, &StageRecord> =
         b.stages.iter().map(|stage| (stage.stage.as_str(), stage)).collect();
     let mut uncompared = 0;
     for stage in &h.stages {
         let Some(before) = before.get(stage.stage.as_str()) else { continue };
         let comparable = before.clock == stage.clock && before.is_resolved() && stage.is_resolved();
-        let change = TimeChange::of(head, Some(&stage.stage), [before.time, stage.time]);
+        let change = TimeChange::new(head, Some(&stage.stage), [before.time, stage.time]);
         match change.filter(|_| comparable) {
             Some(change) => all.push(change),
             None => uncompared += 1,
@@ -235,12 +234,12 @@ fn changed<'a>(
     }
     let cost = |time: &TimeChange<'_>| time.times[1].median - common * time.times[0].median;
     let of = |(name, mut found): (&String, Vec<TimeChange<'a>>)| {
-        let off = |time: &TimeChange<'_>| time.unit(common).off.abs();
+        let off = |time: &TimeChange<'_>| time.unit(common).log_ratio.abs();
         found.sort_by(|a, b| off(b).total_cmp(&off(a)));
         let ratio = median_ratio(&found);
-        StageChange { name: name.clone(), cells: stages[name].len(), ratio, found }
+        StageChange { name: name.clone(), cells: stages[name].len(), ratio, changes: found }
     };
-    let weight = |change: &StageChange<'_>| change.found.iter().map(cost).sum::<f64>().abs();
+    let weight = |change: &StageChange<'_>| change.changes.iter().map(cost).sum::<f64>().abs();
     let heaviest = |changes: Vec<StageChange<'a>>| {
         changes.into_iter().sorted_by(|a, b| weight(b).total_cmp(&weight(a)))
     };
@@ -249,7 +248,7 @@ fn changed<'a>(
 }
 
 /// A unit for each stage: the median over its cells, whose error follows from how far cells lie from the median of their stage.
-fn stage_units(stages: &IndexMap<String, Vec<TimeChange<'_>>>, common: f64) -> Vec<Unit> {
+fn stage_units(stages: &IndexMap<String, Vec<TimeChange<'_>>>, common: f64) -> Vec<StageShift> {
     let medians = stages.values().map(|times| median_ratio(times).median).collect_vec();
     let inner = stages.values().zip(&medians).filter(|(times, _)| times.len() > 2);
     let inner = inner.flat_map(|(times, median)| {
@@ -257,9 +256,9 @@ fn stage_units(stages: &IndexMap<String, Vec<TimeChange<'_>>>, common: f64) -> V
     });
     let inner = inner.collect_vec();
     let spread = if inner.is_empty() { 0.0 } else { MAD_TO_SIGMA * statistics::median(&inner) };
-    let of = |(times, median): (&Vec<TimeChange<'_>>, &f64)| Unit {
-        off: (median / common).ln(),
-        error: OF_A_MEDIAN * spread / (times.len() as f64).sqrt(),
+    let of = |(times, median): (&Vec<TimeChange<'_>>, &f64)| StageShift {
+        log_ratio: (median / common).ln(),
+        error: MEDIAN_EFFICIENCY * spread / (times.len() as f64).sqrt(),
     };
     stages.values().zip(&medians).map(of).collect()
 }

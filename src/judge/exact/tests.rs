@@ -21,7 +21,7 @@ fn judged(name: &str, value: f64) -> Option<ErrorFigure> {
     match name {
         "caustics_photon_error_median_m" => Some(error("caustics/trace")),
         "ao_rmse" => Some(error("hsao/march")),
-        "ao_filtered_rmse" => Some(error("hsao/filter").after("ao_rmse")),
+        "ao_filtered_rmse" => Some(error("hsao/filter").with_prefix("ao_rmse")),
         _ => None,
     }
 }
@@ -49,14 +49,14 @@ fn counters(side: Side, counters: &[(&str, u64)]) -> Compared {
 }
 
 /// The lines, as their file gives them back.
-fn comparison(lines: Vec<Compared>) -> StoredComparison {
+fn comparison(lines: Vec<Compared>) -> Comparison {
     let header = Compared::Header(Box::default());
     let records = std::iter::once(header).chain(lines).map(Record::from);
     let stored = records.map(|record| {
         let text = serde_json::to_string(&record).unwrap();
         serde_json::from_str(&text).unwrap()
     });
-    StoredComparison::from_records(stored.collect::<Vec<_>>()).unwrap()
+    Comparison::from_records(stored.collect::<Vec<_>>()).unwrap()
 }
 
 /// What a configuration's errors are on both sides.
@@ -120,7 +120,7 @@ fn what_the_head_lacks_is_its_fault_and_what_the_base_lacks_is_new() {
         lines.push(check(side, what));
     }
     let mut comparison = comparison(lines);
-    let reasons = |comparison: &StoredComparison| {
+    let reasons = |comparison: &Comparison| {
         let faults = missing(comparison).into_iter();
         faults.map(|fault| fault.reason).collect::<Vec<_>>()
     };
@@ -155,8 +155,7 @@ fn counters_of_another_driver_are_reported_and_not_judged() {
         [(Side::Base, 100), (Side::Head, 120)].map(|(side, n)| counters(side, &[("fragments", n)]))
     };
     let mut stored = comparison(lines().to_vec());
-    let worse =
-        |stored: &StoredComparison| judge(stored).iter().map(|d| d.worse).collect::<Vec<_>>();
+    let worse = |stored: &Comparison| judge(stored).iter().map(|d| d.worse).collect::<Vec<_>>();
     assert_eq!(worse(&stored), [true]);
     let other = |driver: &str, driver_info: &str| {
         let (driver, driver_info) = (driver.to_owned(), driver_info.to_owned());

@@ -15,7 +15,7 @@ fn run(adapter: &str) -> Record {
 
 /// A cell whose stages all last so long.
 fn measured(stages: &[&str], ns: f64) -> Outcome {
-    let stage = |stage: &&str| StageRecord::of(*stage, record::Clock::Timestamp, vec![ns; 5]);
+    let stage = |stage: &&str| StageRecord::new(*stage, record::Clock::Timestamp, vec![ns; 5]);
     Outcome::Measured(Box::new(Measured {
         stages: stages.iter().map(stage).collect(),
         allocated_bytes: 1,
@@ -40,7 +40,7 @@ fn failed() -> Outcome {
     Outcome::Failed { reason: "device lost".to_owned() }
 }
 
-fn compared(base: &[Record], head: &[Record]) -> anyhow::Result<StoredComparison> {
+fn compared(base: &[Record], head: &[Record]) -> anyhow::Result<Comparison> {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, records: &[Record]| {
         let lines = records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n");
@@ -50,7 +50,7 @@ fn compared(base: &[Record], head: &[Record]) -> anyhow::Result<StoredComparison
     };
     let [base, head] = [("base", base), ("head", head)]
         .map(|(name, records)| RunFile::read(&write(name, records)).unwrap());
-    Ok(SameCells::of([&base, &head], &Gate::ALL)?.comparison)
+    Ok(SameCells::compare([&base, &head], &Gate::ALL)?.comparison)
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn a_cell_or_stage_that_the_head_lacks_fails() {
         (&head, &base, [failed, failed, same, CellVerdict::New]),
     ] {
         let comparison = compared(base, head).unwrap();
-        let verdicts = Verdicts::of(&comparison);
+        let verdicts = Verdicts::judge(&comparison);
         assert_eq!(verdicts.status, Status::CouldNotMeasure);
         let cells = verdicts.cells.iter().map(|cell| cell.verdict);
         assert_eq!(cells.collect::<Vec<_>>(), expected);

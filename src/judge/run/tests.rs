@@ -12,7 +12,7 @@ fn verdict(records: &[Record]) -> RunVerdict {
     let run = records.iter().find_map(Record::try_as_run_ref).unwrap();
     let cells = records.iter().filter_map(|record| record.try_as_cell_ref()?.measured());
     let frames = cells.filter(|cell| cell.is_timed()).map(|cell| &cell.frame).collect_vec();
-    RunVerdict::of(run, &frames).unwrap()
+    RunVerdict::judge(run, &frames).unwrap()
 }
 
 const CELLS: usize = 24;
@@ -29,15 +29,15 @@ struct State {
 const AT_REST: State = State { slower: 1.0, others: Some(0.03) };
 
 /// A run in which cells are visited in turn, in an order drawn anew each round. At rest a frame's time scatters by this share.
-struct Model {
+struct MachineModel {
     minutes: f64,
     scatter: f64,
     seed: u64,
 }
 
-const QUIET: Model = Model { minutes: 4.0, scatter: 0.025, seed: 1 };
+const QUIET: MachineModel = MachineModel { minutes: 4.0, scatter: 0.025, seed: 1 };
 
-impl Model {
+impl MachineModel {
     fn records(&self, mut state: impl FnMut(f64) -> State) -> Vec<Record> {
         let mut random = StdRng::seed_from_u64(self.seed);
         let mut cells = vec![FrameRecord::default(); CELLS];
@@ -95,9 +95,9 @@ fn beside(slower: f64, told: bool, seed: u64) -> impl FnMut(f64) -> State {
 #[test]
 fn a_run_on_a_machine_at_rest_is_quiet() {
     for seed in 0..10 {
-        let verdict = Model { seed, ..QUIET }.verdict(|_| AT_REST);
+        let verdict = MachineModel { seed, ..QUIET }.verdict(|_| AT_REST);
         assert_eq!(verdict.noise, Noise::Quiet, "{seed}: {verdict:?}");
-        assert_eq!((verdict.cells, verdict.asked, verdict.advice().len()), (24, 0.02, 0));
+        assert_eq!((verdict.cells, verdict.target, verdict.advice().len()), (24, 0.02, 0));
     }
 }
 
@@ -129,7 +129,7 @@ fn stolen_time_makes_a_run_noisy() {
 /// A cell that has too few samples is no sign of noise.
 #[test]
 fn a_short_run_is_quiet_and_asks_for_samples() {
-    let verdict = Model { minutes: 0.7, ..QUIET }.verdict(|_| AT_REST);
+    let verdict = MachineModel { minutes: 0.7, ..QUIET }.verdict(|_| AT_REST);
     assert_eq!(verdict.noise, Noise::Quiet, "{verdict:?}");
     assert_eq!(verdict.advice(), [Advice::MoreSamples]);
 }
@@ -160,7 +160,7 @@ fn a_drift_is_told_where_it_matters() {
 #[test]
 fn noise_with_a_memory_is_seldom_taken_for_a_drift() {
     let is_told = |seed: &u64| {
-        let verdict = Model { seed: *seed, ..QUIET }.verdict(beside(1.2, true, *seed));
+        let verdict = MachineModel { seed: *seed, ..QUIET }.verdict(beside(1.2, true, *seed));
         verdict.drift.unwrap().exceeds(0.0)
     };
     let told = (0..25).filter(is_told).count();

@@ -3,13 +3,13 @@ use rand_pcg::Pcg64;
 
 use super::*;
 use crate::rank::{POWER, normal};
-use crate::schedule::Schedule;
+use crate::schedule::GateSchedule;
 use fathom_record::comparison::{Gate, LAUNCHES, Launch, PAIRS, PairStates, Side};
 use fathom_record::{Adapter, Interval, MachineState};
 
 /// How the samples of a simulated gate scatter, as shares of the time.
 #[derive(Clone, Copy)]
-struct Noise {
+struct GateNoise {
     /// Standard deviation of what a launch's processes carry.
     between: f64,
     /// Standard deviation of a sample.
@@ -18,18 +18,18 @@ struct Noise {
     stalls: (f64, f64),
 }
 
-const CALM: Noise = Noise { between: 0.007, within: 0.015, stalls: (0.05, 1.0) };
-const BUSY: Noise = Noise { between: 0.06, within: 0.08, stalls: (0.2, 10.0) };
+const CALM: GateNoise = GateNoise { between: 0.007, within: 0.015, stalls: (0.05, 1.0) };
+const BUSY: GateNoise = GateNoise { between: 0.06, within: 0.08, stalls: (0.2, 10.0) };
 const CELLS: usize = 40;
 
 struct Simulation {
     random: Pcg64,
-    noise: Noise,
+    noise: GateNoise,
     launches: u32,
 }
 
 impl Simulation {
-    fn new(seed: u64, noise: Noise) -> Self {
+    fn new(seed: u64, noise: GateNoise) -> Self {
         Self { random: Pcg64::seed_from_u64(seed), noise, launches: LAUNCHES }
     }
 
@@ -79,10 +79,10 @@ impl Simulation {
     }
 
     /// The measurements behind [`Self::gate`].
-    fn compare(&mut self, change: impl Fn(usize) -> f64) -> StoredComparison {
+    fn compare(&mut self, change: impl Fn(usize) -> f64) -> Comparison {
         let mut comparison = comparison(self.launches, Vec::new());
         let (cells, launches) = (cells(), self.launches);
-        let mut schedule = Schedule {
+        let mut schedule = GateSchedule {
             cells: cells.clone(),
             control: None,
             launches,
@@ -98,7 +98,7 @@ impl Simulation {
                     comparison.pairs.extend(self.rounds(cell, false, change(n), second));
                 }
             }
-            let settled = settled(&comparison);
+            let settled = unchanged_cells(&comparison);
             comparison.pairs.retain(|pair| {
                 pair.control || pair.second || pair.launch < LOOK || !settled.contains(&pair.cell)
             });
@@ -106,7 +106,7 @@ impl Simulation {
             if schedule.second || open.is_empty() {
                 return comparison;
             }
-            schedule = schedule.again(open);
+            schedule = schedule.second_measurement(open);
         }
     }
 }
@@ -116,12 +116,12 @@ fn cells() -> Vec<CellId> {
 }
 
 /// A first measurement that has all its launches.
-fn comparison(launches: u32, pairs: Vec<Pair>) -> StoredComparison {
+fn comparison(launches: u32, pairs: Vec<Pair>) -> Comparison {
     let settings = GateSettings { launches, ..settings() };
     let header = ComparisonHeader { cells: cells(), settings, ..ComparisonHeader::default() };
     let launch = |launch| Launch { launch, ..Launch::default() };
     let launches = (0..launches).map(launch).collect();
-    StoredComparison { pairs, launches, ..StoredComparison::new(header) }
+    Comparison { pairs, launches, ..Comparison::new(header) }
 }
 
 fn settings() -> GateSettings {
@@ -147,7 +147,7 @@ fn equal_builds_are_called_the_same_and_raise_no_alarm() {
     for _ in 0..trials {
         let gate = simulation.gate(|_| 0.0);
         assert_eq!(alarms(&gate), 0);
-        assert_eq!(gate.void(0.05), None);
+        assert_eq!(gate.void_reason(0.05), None);
         same += count(&gate, TimeVerdict::Same);
     }
     assert!(100 * same >= 95 * trials * CELLS, "{same} of {}", trials * CELLS);
@@ -262,11 +262,11 @@ fn a_control_that_moves_in_either_measurement_voids_the_gate() {
         let mut pairs = simulation.rounds(&cells[0], true, first, None);
         pairs.extend(simulation.pairs(0.0));
         if let Some(change) = second {
-            assert_eq!(judged(&pairs).void(0.05), None);
+            assert_eq!(judged(&pairs).void_reason(0.05), None);
             pairs.extend(simulation.rounds(&cells[0], true, change, Some(PAIRS)));
         }
         let gate = judged(&pairs);
-        let void = gate.void(0.05).unwrap();
+        let void = gate.void_reason(0.05).unwrap();
         assert!(void.contains("tank stage/0"), "{void}");
         assert_eq!(gate.controls.len(), 1 + usize::from(second.is_some()));
         assert_eq!(gate.cells.len(), 1, "the control is no cell");
@@ -306,7 +306,7 @@ fn unusable_numbers_are_left_out() {
 /// One cell whose samples scatter so that the first measurement of a slowdown of 4 % mostly leaves it open.
 #[test]
 fn what_the_first_measurement_leaves_open_the_second_tells_alone() {
-    let noise = Noise { between: 0.002, within: 0.1, stalls: (0.05, 1.0) };
+    let noise = GateNoise { between: 0.002, within: 0.1, stalls: (0.05, 1.0) };
     let mut simulation = Simulation::new(10, noise);
     let (trials, cell) = (30, &cells()[..1]);
     let (mut open_first, mut found) = (0, 0);
@@ -382,7 +382,7 @@ fn a_change_is_doubtful_where_its_slower_side_was_throttled_in_more_launches() {
 fn cells_that_the_first_launches_settle_are_left_out_and_a_slower_one_stays() {
     let mut simulation = Simulation::new(21, CALM);
     let comparison = simulation.compare(|n| if n == 3 { 0.05 } else { 0.0 });
-    let settled = settled(&comparison);
+    let settled = unchanged_cells(&comparison);
     assert!(settled.len() > CELLS / 2 && !settled.contains(&cells()[3]), "{settled:?}");
     let gate = judge(&cells(), &comparison.pairs, &comparison.header.settings);
     for cell in &gate.cells {
@@ -396,16 +396,16 @@ fn cells_that_the_first_launches_settle_are_left_out_and_a_slower_one_stays() {
 
 #[test]
 fn a_measurement_is_whole_when_nothing_is_left_to_measure() {
-    let still = Noise { between: 0.001, within: 0.001, stalls: (0.0, 0.0) };
+    let still = GateNoise { between: 0.001, within: 0.001, stalls: (0.0, 0.0) };
     let pairs = Simulation::new(22, still).pairs(0.0);
     let mut comparison = comparison(LAUNCHES, pairs);
-    assert!(first_is_whole(&comparison));
+    assert!(is_first_complete(&comparison));
     comparison.launches.truncate(LOOK as usize);
-    assert!(first_is_whole(&comparison));
+    assert!(is_first_complete(&comparison));
     // One launch less than the look needs.
     comparison.launches.pop();
-    assert!(!first_is_whole(&comparison));
+    assert!(!is_first_complete(&comparison));
     comparison.pairs = Simulation::new(22, still).pairs(0.05);
     comparison.launches = (0..LOOK).map(|launch| Launch { launch, ..Launch::default() }).collect();
-    assert!(!first_is_whole(&comparison));
+    assert!(!is_first_complete(&comparison));
 }

@@ -3,7 +3,9 @@
 use glam::Vec2;
 
 use crate::Parameters;
-use crate::settings::{Animation, Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled};
+use crate::settings::{
+    Animation, Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, Viewport, scaled,
+};
 use fathom_base::settings;
 use fathom_scene::{Camera, Light, SceneFile};
 use fathom_stages::hsao::march::HorizonUniforms;
@@ -11,7 +13,7 @@ use fathom_stages::hsao::march::HorizonUniforms;
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: View = View::default();
+        view: Viewport = Viewport::default();
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         /// Depth of the scene's floor under the resting water.
@@ -75,8 +77,8 @@ impl Horizon {
 impl Parameters for Params {
     const SEED: Option<&str> = Some("hsao.seed");
 
-    fn enlarged(&self, factor: u32) -> Option<Self> {
-        let mut larger = Self { view: self.view.enlarged(factor), ..self.clone() };
+    fn upscaled(&self, factor: u32) -> Option<Self> {
+        let mut larger = Self { view: self.view.upscaled(factor), ..self.clone() };
         larger.hsao.scale /= f64::from(factor);
         Some(larger)
     }

@@ -2,27 +2,27 @@ use super::fixtures::{camera, corner, gbuffer};
 use super::*;
 use fathom_scene::Mesh;
 
-fn question(scale: u32) -> Question {
-    Question {
+fn question(scale: u32) -> OcclusionQuery {
+    OcclusionQuery {
         opaque: vec![true; 2],
         alphas: vec![1.0; 2],
         camera: camera([4.0, 3.0, 2.0]),
         size_px: [48, 40],
         r_max_m: 1.0,
-        model: Model::First(Attenuation::Linear),
+        model: RayModel::First(Attenuation::Linear),
         animation: Animation::default(),
         buffer_px: [48 / scale, 40 / scale],
     }
 }
 
-fn points(question: &Question, most: usize) -> Vec<JudgedPoint> {
+fn points(question: &OcclusionQuery, most: usize) -> Vec<JudgedPoint> {
     let tracer = Tracer::new(&corner());
     let [depth, normal] = gbuffer(&tracer, &question.camera, question.size_px);
     cast(question, &tracer, (&depth, &normal), most, 64)
 }
 
 /// A buffer of visibilities that holds what the reference says, and `darker` more occlusion.
-fn buffer(question: &Question, points: &[JudgedPoint], darker: f64) -> Pixels {
+fn buffer(question: &OcclusionQuery, points: &[JudgedPoint], darker: f64) -> Pixels {
     let [width, height] = question.buffer_px;
     let mut data = vec![1.0; (width * height) as usize];
     for x in 0..width {
@@ -91,15 +91,15 @@ fn points_behind_glass_are_judged_and_glass_is_not() {
     };
     question.opaque.push(false);
     question.alphas.push(0.3);
-    question.model = Model::Through;
+    question.model = RayModel::Through;
     let tracer = Tracer::new(&objects);
     let bare = Tracer::new(&corner());
     let [depth, normal] = gbuffer(&bare, &question.camera, question.size_px);
     let through = cast(&question, &tracer, (&depth, &normal), 400, 64);
     assert_eq!(through.len(), plain.len());
-    let clear = Question { alphas: vec![1.0, 1.0, 0.0], ..question.clone() };
+    let clear = OcclusionQuery { alphas: vec![1.0, 1.0, 0.0], ..question.clone() };
     let clear = cast(&clear, &tracer, (&depth, &normal), 400, 64);
-    let opaque = Question { alphas: vec![1.0; 3], ..question };
+    let opaque = OcclusionQuery { alphas: vec![1.0; 3], ..question };
     let opaque = cast(&opaque, &tracer, (&depth, &normal), 400, 64);
     let sum = |points: &[JudgedPoint]| points.iter().map(|p| p.occlusion).sum::<f64>();
     let [clear, third, opaque] = [sum(&clear), sum(&through), sum(&opaque)];
@@ -112,7 +112,7 @@ fn points_behind_glass_are_judged_and_glass_is_not() {
 fn moving_geometry_is_judged_where_it_is() {
     let scene = Rc::new(Scene::load("ball").unwrap());
     let spun = Animation { deform: Deform::Wave, time_s: 1.0, ..Animation::default() };
-    let mut known = KnownPoints::default();
+    let mut known = OcclusionCache::default();
     let at = |tracer: &Tracer| {
         let eye = DVec3::from(scene.camera.position_m);
         let ball = scene.objects[1].mesh.bounds().center();

@@ -5,22 +5,22 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::{PhotonTracing, under_water};
-use crate::caustics_image::{Compared, FoundCaustics, channel};
+use crate::caustics_image::{CausticsPair, FrameCaustics, channel};
 use crate::off_frustum::Frustum;
-use crate::{Drawing, Judge, JudgeError, Judged};
-use crate::{exact_of, judged_view, named, objects_of, share};
+use crate::{Errors, Judge, JudgeError, PipelineInstance};
+use crate::{exact_answers, judged_view, objects_of, share, to_map};
 use fathom_gpu::{Gpu, GpuError, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{Hit, Tracer};
-use fathom_reference::specular::{End, Surfaces};
+use fathom_reference::specular::{PathEnd, Surfaces};
 use fathom_scene::{Optics, Scene};
-use fathom_stages::geometry::Part;
+use fathom_stages::geometry::Objects;
 use fathom_stages::photon::{Fate, Photon};
 use fathom_stages::sprites;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
-const MOST_PHOTONS: usize = 10_000;
+const MAX_PHOTONS: usize = 10_000;
 /// A photon that ends farther than this from its exact end lies on another surface, metres in scene tank: ten times the tolerance of SPT §5.
 const WRONG_M: f64 = 0.1;
 /// Rates of every frame that are no errors.
@@ -35,9 +35,8 @@ const QUANTITIES: [&str; 8] = [
     "photon_specular_miss_rate",
 ];
 
-/// Where a photon ends.
 #[derive(Default)]
-struct Exact {
+struct ExactEnd {
     position: DVec3,
     in_view: bool,
     /// Whether it would meet another object if the one that it ends on were not there.
@@ -52,7 +51,7 @@ struct Exact {
 
 /// Photons held against their exact ends.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Ends {
+struct Tally {
     /// Of photons that end in view, by both: distance from the exact end, metres.
     errors_m: Vec<f64>,
     /// The same of those that come by a mirror or glass.
@@ -61,7 +60,7 @@ struct Ends {
     counts: BTreeMap<&'static str, [usize; 2]>,
 }
 
-impl Ends {
+impl Tally {
     fn count(&mut self, rate: &'static str, is_so: impl IntoIterator<Item = bool>) {
         let [some, all] = self.counts.entry(rate).or_default();
         for is_so in is_so {
@@ -76,8 +75,8 @@ impl Ends {
     }
 
     /// `found` is all that a photon lights: its end, or the first intersections of its ray.
-    fn add(&mut self, found: &[Photon], exact: &Exact, wrong_m: f64) {
-        let Exact { in_view, position, .. } = *exact;
+    fn add(&mut self, found: &[Photon], exact: &ExactEnd, wrong_m: f64) {
+        let ExactEnd { in_view, position, .. } = *exact;
         let landed = found[0].has_landed();
         self.count("photon_off_frustum_rate", [!in_view]);
         self.count("photon_false_hit_rate", [landed && !in_view]);
@@ -120,7 +119,7 @@ impl Ends {
     }
 }
 
-impl Drawing for PhotonTracing {
+impl PipelineInstance for PhotonTracing {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }
@@ -140,7 +139,7 @@ impl Drawing for PhotonTracing {
         let fragments: Vec<usize> = layers.map(shown).collect();
         let deepest = fragments.iter().filter(|count| **count > 0).count();
         let behind_8 = fragments.iter().skip(8).sum();
-        Ok(named([
+        Ok(to_map([
             ("depth_complexity", deepest as f64),
             ("fragments_behind_8_rate", share(behind_8, fragments.iter().sum())),
             ("missed_water_rate", rate(Fate::MissedWater)),
@@ -149,22 +148,22 @@ impl Drawing for PhotonTracing {
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         self.landing_errors(judge.gpu, judge.scene)
     }
 
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
         // What the sprites have added up.
         let irradiance = channel(&read_texture(judge.gpu, &self.irradiance)?, 0);
-        let found = FoundCaustics { irradiance, stage: sprites::draw::INFO.name };
-        Compared::new(judge, &self.view, &found).map(Some)
+        let found = FrameCaustics { irradiance, stage: sprites::draw::INFO.name };
+        CausticsPair::new(judge, &self.view, &found).map(Some)
     }
 }
 
 impl PhotonTracing {
     /// Errors of the last frame's photons. `src/experiments/words.rs` says what each rate counts; `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names. Of large grids an even selection is compared.
-    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
+    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, JudgeError> {
         let mut ends = self.ends(&self.photons.read(gpu)?, scene)?;
         let median_m = quantile(&mut ends.errors_m, 0.5);
         let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
@@ -178,7 +177,7 @@ impl PhotonTracing {
         let along = along.into_iter().filter(|_| self.photons.per_ray > 1);
         let rates = QUANTITIES.into_iter().chain(along).map(|rate| (rate, ends.rate(rate)));
         let stage = self.params.rays.method.info().name;
-        let mut judged = Judged::of(stage, errors.into_iter().chain(distances), rates);
+        let mut judged = Errors::new(stage, errors.into_iter().chain(distances), rates);
         if !ends.specular_errors_m.is_empty() {
             let median_m = quantile(&mut ends.specular_errors_m, 0.5);
             judged.quantities.insert("photon_specular_error_median_m".to_owned(), median_m);
@@ -186,13 +185,13 @@ impl PhotonTracing {
         Ok(judged)
     }
 
-    fn ends(&self, found: &[Photon], scene: &Scene) -> Result<Ends, JudgeError> {
-        let objects = objects_of(scene, Part::Solid);
+    fn ends(&self, found: &[Photon], scene: &Scene) -> Result<Tally, JudgeError> {
+        let objects = objects_of(scene, Objects::Solid);
         let tracer = &Tracer::new(&objects);
         let view = judged_view(&self.view, scene);
         let (frame, water) = (view.light_frame(), &view.water);
-        let bounces = self.params.ways() - 1;
-        let times = scene.solid_bounds().times_tank();
+        let bounces = self.params.path_segments() - 1;
+        let times = scene.solid_bounds().tank_scale();
         let surfaces = Surfaces {
             tracer,
             objects: &objects,
@@ -203,16 +202,16 @@ impl PhotonTracing {
         let in_view = |hit: &&Hit| frustum.holds(hit.position);
         let transfer = &self.params.transfer;
         let found: Vec<_> = found.chunks(self.photons.per_ray as usize).collect();
-        let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
+        let exact = exact_answers(found.len(), MAX_PHOTONS, |index| {
             let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
             let landing = land(&frame, water, tracer, place);
             let landed = landing.landed()?;
             let ray = surfaces.ray(landed.entry.position, landed.direction);
-            let End::Diffuse(hit) = surfaces.follow(ray, bounces) else { return None };
+            let PathEnd::Diffuse(hit) = surfaces.trace(ray, bounces) else { return None };
             let behind = frustum.hits_behind(hit, landed.direction).take_while(|_| bounces == 0);
             let along: Vec<Hit> = std::iter::once(hit).chain(behind).collect();
             let places = along.iter().filter(in_view).map(|hit| hit.position);
-            Some(Exact {
+            Some(ExactEnd {
                 position: hit.position,
                 in_view: in_view(&&hit),
                 occluder: along.iter().any(|next| next.object != hit.object),
@@ -222,13 +221,13 @@ impl PhotonTracing {
                 along: places.collect(),
             })
         });
-        let mut ends = Ends::default();
+        let mut ends = Tally::default();
         for (index, exact) in exact {
             let (hits, wrong_m) = (found[index], WRONG_M * times);
             ends.add(hits, &exact, wrong_m);
             ends.add_along(hits, &exact.along, wrong_m);
             if exact.kept_out {
-                let leaks = |hit| frustum.leaks(hit, exact.position);
+                let leaks = |hit| frustum.is_leak(hit, exact.position);
                 ends.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);
             }
         }
@@ -248,19 +247,20 @@ mod tests {
         let found =
             |fate: u32| Photon { entry_m: Vec3::ZERO, fate, hit_m: Vec3::NEG_Y, distance_m: 1.0 };
         let (hit, lost) = (found(0), found(OUTSIDE));
-        let mut ends = Ends::default();
-        let exact = |y, in_view| Exact { position: DVec3::Y * y, in_view, ..Exact::default() };
+        let mut ends = Tally::default();
+        let exact =
+            |y, in_view| ExactEnd { position: DVec3::Y * y, in_view, ..ExactEnd::default() };
         ends.add(&[hit], &exact(-1.5, true), WRONG_M);
         ends.add(&[lost], &exact(-1.0, true), WRONG_M);
         ends.add(&[lost], &exact(-1.0, false), WRONG_M);
         ends.add(&[hit], &exact(-1.0, false), WRONG_M);
         // Before another object: one that stops there, and one that goes through.
         for y in [-1.0, -0.5] {
-            ends.add(&[hit], &Exact { occluder: true, ..exact(y, true) }, WRONG_M);
+            ends.add(&[hit], &ExactEnd { occluder: true, ..exact(y, true) }, WRONG_M);
         }
         // Behind a mirror: one that is found, and one that is not.
         for found in [hit, lost] {
-            ends.add(&[found], &Exact { specular: true, ..exact(-0.75, true) }, WRONG_M);
+            ends.add(&[found], &ExactEnd { specular: true, ..exact(-0.75, true) }, WRONG_M);
         }
         // Of two surfaces along a ray one is found, and nothing else.
         ends.add_along(&[hit, lost], &[DVec3::NEG_Y, DVec3::NEG_Y * 2.0], WRONG_M);

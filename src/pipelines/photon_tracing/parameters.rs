@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::Parameters;
 use crate::screen_tracing::{Composition, LayeredDepth, RaySettings};
-use crate::settings::{Shadow, Transfer, View};
+use crate::settings::{Shadow, TransferGrid, Viewport};
 use fathom_base::parameter::ParamError;
 use fathom_base::{choices, settings};
 use fathom_scene::{Camera, Light, SceneFile, Water};
@@ -14,15 +14,15 @@ settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT §5: 800 × 600.
-        view: View = View { width: 800, height: 600 };
+        view: Viewport = Viewport { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         water: Water = file.water.clone();
         /// Depth of the scene's floor under the resting water.
         floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         shadow: Shadow = Shadow::default();
-        surface: Surface = Surface::default();
-        transfer: Transfer = Transfer::default();
+        surface: SurfaceSettings = SurfaceSettings::default();
+        transfer: TransferGrid = TransferGrid::default();
         specular: Specular = Specular::default();
         ldi: LayeredDepth = LayeredDepth::default();
         rays: RaySettings = RaySettings::from(file);
@@ -34,7 +34,7 @@ settings! {
 
 settings! {
     /// The water's surface.
-    pub struct Surface {
+    pub struct SurfaceSettings {
         /// Whether the camera sees it: lines of sight are refracted and reflected there. SPT §4.
         draw: bool = true;
         /// Quads per side of the grid that draws it as the light sees it.
@@ -71,10 +71,10 @@ settings! {
         plane: SpritePlane = SpritePlane::Receiver;
         /// s of Eq. 1: distance from the hit at which nothing is left. SPT gives none. Tuned on scene tank
         /// at the default grid, where it is 10 cm, and a share of the scene.
-        radius_m: f64 = 0.1 * file.times_tank() => 1e-6 ..= 1e4, "m";
+        radius_m: f64 = 0.1 * file.tank_scale() => 1e-6 ..= 1e4, "m";
         /// A pixel is lit when what it shows lies this near to the sprite's plane, along its line of sight. SPT says
         /// "close together". A share of the scene, 10 cm in scene tank.
-        visible_m: f64 = 0.1 * file.times_tank() => 1e-6 ..= 1e3, "m";
+        visible_m: f64 = 0.1 * file.tank_scale() => 1e-6 ..= 1e3, "m";
         /// Intersections of a photon's ray that are lit at most, each with the photon's whole flux. 1: the photon ends at the first, SPT §2.1.
         /// More: it goes on, as in SPT Fig. 3 (`photons_full_rate`: share of those that have as many or more).
         max_hits: u32 = 1 => 1 ..= 64, "1";
@@ -95,7 +95,7 @@ settings! {
 
 impl Params {
     /// Ways of a photon behind the water.
-    pub fn ways(&self) -> u32 {
+    pub fn path_segments(&self) -> u32 {
         if self.specular.follow { 1 + self.specular.bounces } else { 1 }
     }
 
@@ -106,11 +106,15 @@ impl Params {
 }
 
 impl Parameters for Params {
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         if self.sprites.max_hits > 1 && (self.specular.follow || self.shafts.draw) {
             let told = "sprites.max_hits above 1 lets photons end nowhere: specular.follow and shafts.draw must be false";
             return Err(ParamError::Unfit(told.to_owned()));
         }
-        self.rays.fits(self.transfer.photons(), self.ways(), "transfer.grid, specular.bounces")
+        self.rays.fits(
+            self.transfer.photons(),
+            self.path_segments(),
+            "transfer.grid, specular.bounces",
+        )
     }
 }

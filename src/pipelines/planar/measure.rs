@@ -6,10 +6,12 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::{Planar, with_pool};
-use crate::{Drawing, Judge, JudgeError, Judged, exact_of, judged_view, named, share};
+use crate::{
+    Errors, Judge, JudgeError, PipelineInstance, exact_answers, judged_view, share, to_map,
+};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::photons::{land, place_in_grid};
-use fathom_reference::pool::{Basin, Counted, Face, face_by_face, middle_photon_w, share_left};
+use fathom_reference::pool::{Basin, Face, FluxCounts, face_by_face, flux_share, middle_photon_w};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::Tracer;
 use fathom_scene::Scene;
@@ -18,7 +20,7 @@ use fathom_stages::screen_ray::{NEVER, Transfer};
 use fathom_stages::transfer;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
-const MOST_PHOTONS: usize = 10_000;
+const MAX_PHOTONS: usize = 10_000;
 /// Rounding of a photon's place on a face in 32-bit floats, as a share of the pool's diagonal: some ten of their steps.
 const ROUNDING: f64 = 1.5e-6;
 
@@ -28,7 +30,7 @@ fn off(found: Option<(DVec3, Face)>, (exact, normal): (DVec3, DVec3)) -> Option<
     found.map(|(place, face)| (place.distance(exact), face.normal().dot(normal) < 0.5))
 }
 
-impl Drawing for Planar {
+impl PipelineInstance for Planar {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }
@@ -36,19 +38,19 @@ impl Drawing for Planar {
     /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached in the
     /// midst of others.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let photons = self.stored(gpu)?;
+        let photons = self.read_photons(gpu)?;
         let missed = photons.iter().filter(|photon| photon.state == NEVER).count();
         let ended = photons.iter().filter(|photon| self.end(photon).is_some()).count();
         let map = self.map(gpu)?;
         let floor = &map[..map.len() / Face::ALL.len()];
-        Ok(named([
+        Ok(to_map([
             ("missed_water_rate", share(missed, photons.len())),
             ("photon_no_hit_rate", share(photons.len() - missed - ended, photons.len())),
             ("map_floor_hole_rate", share(holes(floor), floor.len())),
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let scene = &with_pool(judge.scene).map_err(GpuError::Unusable)?;
         let mut judged = self.landing_errors(judge.gpu, scene)?;
         judged.errors.extend(self.map_errors(judge.gpu, scene)?.errors);
@@ -57,7 +59,7 @@ impl Drawing for Planar {
 }
 
 impl Planar {
-    fn stored(&self, gpu: &Gpu) -> Result<Vec<Transfer>, GpuError> {
+    fn read_photons(&self, gpu: &Gpu) -> Result<Vec<Transfer>, GpuError> {
         Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.transfers.buffer)?))
     }
 
@@ -78,8 +80,8 @@ impl Planar {
     /// Errors of the transfer map's photons on the pool's planes against exact refraction and ray casting: `photon_error_median_m`,
     /// `photon_error_p99_m`, `photon_wrong_face_rate` of those that end by both, and `photon_miss_rate` of those that end exactly. Of
     /// large grids an even selection is compared.
-    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let ends = self.ends(&self.stored(gpu)?, scene);
+    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, JudgeError> {
+        let ends = self.ends(&self.read_photons(gpu)?, scene);
         let found = ends.iter().flatten();
         let wrong_face = found.clone().filter(|(_, is_on_other)| *is_on_other).count();
         let mut errors_m: Vec<f64> = found.map(|(error_m, _)| *error_m).collect();
@@ -89,7 +91,7 @@ impl Planar {
             ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
             ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
         ];
-        Ok(Judged::of(transfer::map::INFO.name, errors, []))
+        Ok(Errors::new(transfer::map::INFO.name, errors, []))
     }
 
     fn ends(&self, found: &[Transfer], scene: &Scene) -> Vec<Option<(f64, bool)>> {
@@ -97,7 +99,7 @@ impl Planar {
         let (frame, water) = (view.light_frame(), &view.water);
         let grid = self.params.transfer.grid;
         let offset = self.params.transfer.offset;
-        let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
+        let exact = exact_answers(found.len(), MAX_PHOTONS, |index| {
             let place = place_in_grid(index as u32, grid, offset);
             let hit = land(&frame, water, &tracer, place).landed()?.hit;
             Some((hit.position, hit.normal))
@@ -107,9 +109,9 @@ impl Planar {
 
     /// Errors of the illumination map against the transfer map's photons counted in f64: `map_energy_error`, the difference of the flux over
     /// all texels, and `map_misplaced_rate`, flux that lies in other texels. Both are shares of the flux of all photons.
-    fn map_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, GpuError> {
+    fn map_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, GpuError> {
         let texels = self.params.planar.texels;
-        let counted = self.counted(&self.stored(gpu)?, scene);
+        let counted = self.count_flux(&self.read_photons(gpu)?, scene);
         let map = self.map(gpu)?;
         let (mut flux_w, mut misplaced_w) = (0.0, 0.0);
         for (texel, irradiance) in map.iter().enumerate() {
@@ -117,29 +119,29 @@ impl Planar {
             let area_m2 = self.basin.texel_area_m2(face, texels);
             flux_w += irradiance * area_m2;
             // What is missing in one texel lies in another.
-            misplaced_w += 0.5 * counted.off(texel, *irradiance) * area_m2;
+            misplaced_w += 0.5 * counted.deviation(texel, *irradiance) * area_m2;
         }
         let of_all = |watts: f64| watts / counted.flux_w;
         let errors = [
             ("map_energy_error", of_all((flux_w - counted.flux_w).abs()), "1"),
             ("map_misplaced_rate", of_all(misplaced_w), "1"),
         ];
-        Ok(Judged::of(points::INFO.name, errors, []))
+        Ok(Errors::new(points::INFO.name, errors, []))
     }
 
-    fn counted(&self, photons: &[Transfer], scene: &Scene) -> Counted {
+    fn count_flux(&self, photons: &[Transfer], scene: &Scene) -> FluxCounts {
         let view = judged_view(&self.view, scene);
         let (frame, water, basin) =
-            (view.light_frame(), &view.water, Basin::of(&view.water, scene.floor_depth_m));
+            (view.light_frame(), &view.water, Basin::from_water(&view.water, scene.floor_depth_m));
         let photon_w = middle_photon_w(&view.light, &frame, self.params.transfer.photons());
         let texels = self.params.planar.texels;
-        let mut counted = Counted::new(texels);
+        let mut counted = FluxCounts::new(texels);
         let [x, z] = basin.half_size_m;
         let rounding_m = 2.0 * ROUNDING * x.hypot(z).hypot(0.5 * basin.floor_depth_m);
         for photon in photons.iter().filter(|photon| photon.state != NEVER) {
             let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
             let flux_w = |way_m: f64| {
-                photon_w * share_left(&frame, water, origin, f64::from(photon.path_m) + way_m)
+                photon_w * flux_share(&frame, water, origin, f64::from(photon.path_m) + way_m)
             };
             let ray = (origin, direction.normalize());
             counted.add((&basin, texels), ray, rounding_m, flux_w);

@@ -1,17 +1,17 @@
 //! Parameters of caustics on planar receivers, their defaults with sources, and their ranges.
 
 use crate::Parameters;
-use crate::settings::{Shadow, Transfer, View, WaterGrid};
+use crate::settings::{Shadow, TransferGrid, Viewport, WaterGrid};
 use fathom_base::settings;
 use fathom_scene::{Camera, Light, SceneFile, Water};
-use fathom_stages::planar::compose::Shown;
+use fathom_stages::planar::compose::PlanarView;
 use fathom_stages::pool::Pool;
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT Fig. 2: 1K × 1K.
-        view: View = View { width: 1024, height: 1024 };
+        view: Viewport = Viewport { width: 1024, height: 1024 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         water: Water = file.water.clone();
@@ -19,9 +19,9 @@ settings! {
         floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         shadow: Shadow = Shadow::default();
         surface: WaterGrid = WaterGrid::default();
-        transfer: Transfer = Transfer::default();
+        transfer: TransferGrid = TransferGrid::default();
         planar: Receivers = Receivers::default();
-        compose: Composition = Composition::default();
+        compose: PlanarPicture = PlanarPicture::default();
     }
 }
 
@@ -35,11 +35,11 @@ settings! {
 
 settings! {
     /// How the picture is made.
-    pub struct Composition {
+    pub struct PlanarPicture {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). As in pipeline underwater.
         exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
         /// What the picture shows.
-        show: Shown = Shown::Image;
+        show: PlanarView = PlanarView::Image;
     }
 }
 
@@ -56,7 +56,7 @@ impl Params {
 
 impl Parameters for Params {
     /// The illumination map keeps its size.
-    fn enlarged(&self, factor: u32) -> Option<Self> {
-        Some(Self { view: self.view.enlarged(factor), ..self.clone() })
+    fn upscaled(&self, factor: u32) -> Option<Self> {
+        Some(Self { view: self.view.upscaled(factor), ..self.clone() })
     }
 }

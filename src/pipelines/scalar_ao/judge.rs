@@ -6,20 +6,20 @@ use rayon::prelude::*;
 use super::{Gather, Law, Mode, Scalar, ScalarAo};
 use crate::occlusion::{figures, lattice};
 use crate::settings::Attenuation;
-use crate::{Judge, JudgeError, Judged, named};
+use crate::{Errors, Judge, JudgeError, to_map};
 use fathom_gpu::{Pixels, read_texture};
 use fathom_reference::isosurface::FieldSurface;
-use fathom_reference::media::{self, Marching};
+use fathom_reference::media::{self, FieldMarch};
 use fathom_reference::occlusion as reference;
 use fathom_reference::rays::PixelRays;
 use fathom_scene::Volume;
 use fathom_stages::scalar;
 
 /// Pixels that figures rest on at most, and rays at each point that they show.
-const MOST_POINTS: f64 = 800.0;
+const MAX_POINTS: f64 = 800.0;
 const RAYS: u32 = 256;
 /// The same in a medium, where each pixel shows many points.
-const MOST_IN_MEDIUM: f64 = 300.0;
+const MAX_IN_MEDIUM: f64 = 300.0;
 const RAYS_IN_MEDIUM: u32 = 96;
 /// Steps along view rays and strata of occlusion rays in a medium, voxels.
 const STEP_VOXELS: f64 = 0.5;
@@ -34,28 +34,28 @@ impl ScalarAo {
     /// isosurface know no ρ: their reference has none. That of a medium marches by the same law and rejection in fine strata at
     /// the field's full resolution, and no threshold ends it. Nothing of a medium whose window or opacity changes values: a
     /// window's cut and interpolation do not commute.
-    pub(super) fn judged(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+    pub(super) fn judged(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let Some(volume) = &judge.scene.volume else {
-            return Ok(Judged::default());
+            return Ok(Errors::default());
         };
         let pixels = read_texture(judge.gpu, self.result())?;
         let view = PixelRays::new(&self.camera, pixels.width, pixels.height);
         let (settings, r_max_m) = (&self.settings, self.r_max_m);
-        let exact = Exact { volume, settings, voxel_m: self.field.voxel_m, r_max_m };
+        let exact = ScalarReference { volume, settings, voxel_m: self.field.voxel_m, r_max_m };
         let unchanged = (settings.window, settings.opacity) == UNCHANGED;
         let (stage, found) = match settings.mode {
             Mode::Isosurface => (
                 scalar::isosurface::INFO.name,
-                compared(&pixels, &view, MOST_POINTS, |ray| exact.at_isosurface(ray)),
+                compared(&pixels, &view, MAX_POINTS, |ray| exact.at_isosurface(ray)),
             ),
-            _ if !unchanged => return Ok(Judged::default()),
+            _ if !unchanged => return Ok(Errors::default()),
             Mode::Direct => (
                 scalar::direct::INFO.name,
-                compared(&pixels, &view, MOST_IN_MEDIUM, |ray| exact.down_the_gradient(ray)),
+                compared(&pixels, &view, MAX_IN_MEDIUM, |ray| exact.down_the_gradient(ray)),
             ),
             Mode::Positional => (
                 scalar::positional::INFO.name,
-                compared(&pixels, &view, MOST_IN_MEDIUM, |ray| exact.by_position(ray)),
+                compared(&pixels, &view, MAX_IN_MEDIUM, |ray| exact.by_position(ray)),
             ),
         };
         if found.is_empty() {
@@ -65,7 +65,7 @@ impl ScalarAo {
         let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
         let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
         let quantities = [("ao_mean", mean(&values)), ("ao_reference_mean", mean(&exact))];
-        Ok(Judged { errors: figures("ao", stage, &errors).into(), quantities: named(quantities) })
+        Ok(Errors { errors: figures("ao", stage, &errors).into(), quantities: to_map(quantities) })
     }
 }
 
@@ -87,26 +87,25 @@ fn compared(
     found.collect()
 }
 
-/// What the reference knows of a cell.
-struct Exact<'a> {
+struct ScalarReference<'a> {
     volume: &'a Volume,
     settings: &'a Scalar,
     voxel_m: f64,
     r_max_m: f64,
 }
 
-impl Exact<'_> {
+impl ScalarReference<'_> {
     fn surface(&self) -> FieldSurface<'_> {
         FieldSurface { field: self.volume, iso: self.settings.iso }
     }
 
     fn at_isosurface(&self, (origin, direction, length_m): ViewRay) -> Option<f64> {
         let attenuation = match (self.settings.gather, self.settings.attenuation) {
-            (Gather::End, Attenuation::Linear) => reference::Attenuation::Linear,
-            _ => reference::Attenuation::Hard,
+            (Gather::End, Attenuation::Linear) => reference::Obscurity::Linear,
+            _ => reference::Obscurity::Hard,
         };
         let surface = self.surface();
-        let point = surface.seen(origin, direction, length_m)?;
+        let point = surface.first_hit(origin, direction, length_m)?;
         surface.occlusion(point, self.r_max_m, attenuation, RAYS)
     }
 
@@ -125,14 +124,14 @@ impl Exact<'_> {
         marching.along_view(self.volume, ray, STEP_VOXELS * self.voxel_m, occlusion)
     }
 
-    fn marching(&self) -> Marching {
+    fn marching(&self) -> FieldMarch {
         let Scalar { law, density_per_m, rejection, .. } = *self.settings;
         let law = match law {
-            Law::Opacity => media::Law::Opacity { voxel_m: self.voxel_m },
-            Law::Beer => media::Law::Beer { density_per_m },
+            Law::Opacity => media::FieldLaw::Opacity { voxel_m: self.voxel_m },
+            Law::Beer => media::FieldLaw::Beer { density_per_m },
         };
         let samples = (self.r_max_m / (STEP_VOXELS * self.voxel_m)).ceil() as u32;
         let threshold = f64::INFINITY;
-        Marching { law, r_max_m: self.r_max_m, samples, rejection, threshold }
+        FieldMarch { law, r_max_m: self.r_max_m, samples, rejection, threshold }
     }
 }

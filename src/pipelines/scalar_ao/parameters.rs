@@ -4,13 +4,13 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::Parameters;
-use crate::settings::{Attenuation, Cells, View};
+use crate::settings::{Attenuation, Viewport, VolumeCells};
 use fathom_base::choices;
-use fathom_base::parameter::{ParamError, within};
+use fathom_base::parameter::{ParamError, check_range};
 use fathom_base::settings;
 use fathom_scene::{Camera, Light, SceneFile, Volume};
 use fathom_stages::ray_cast::CastUniforms;
-use fathom_stages::scalar::isosurface::Rays;
+use fathom_stages::scalar::isosurface::RayRules;
 use fathom_stages::scalar_field;
 
 /// Of scene smoke.
@@ -22,14 +22,14 @@ const MAX_VIEW_STEPS: f64 = 8192.0;
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: View = View::default();
+        view: Viewport = Viewport::default();
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         /// Depth of the scene's floor under the resting water.
         floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
-        volume: Cells = Cells::from(&file.volume.clone().unwrap_or_default());
+        volume: VolumeCells = VolumeCells::from(&file.volume.clone().unwrap_or_default());
         scalar: Scalar = {
-            let times = file.times_tank() / SMOKE_TIMES_TANK;
+            let times = file.tank_scale() / SMOKE_TIMES_TANK;
             let default = Scalar::default();
             Scalar { density_per_m: default.density_per_m / times, ..default }
         };
@@ -131,21 +131,21 @@ settings! {
 }
 
 impl Parameters for Params {
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         let [low, high] = self.scalar.window;
-        within("scalar.window[0]", low, 0.0, 0.999)?;
-        within("scalar.window[1]", high, low + 1e-3, 1.0)
+        check_range("scalar.window[0]", low, 0.0, 0.999)?;
+        check_range("scalar.window[1]", high, low + 1e-3, 1.0)
     }
 
-    fn enlarged(&self, factor: u32) -> Option<Self> {
-        Some(Self { view: self.view.enlarged(factor), ..self.clone() })
+    fn upscaled(&self, factor: u32) -> Option<Self> {
+        Some(Self { view: self.view.upscaled(factor), ..self.clone() })
     }
 }
 
 impl Scalar {
     /// Rays from an isosurface.
-    pub fn surface_rays(&self) -> Rays {
-        Rays {
+    pub fn surface_rays(&self) -> RayRules {
+        RayRules {
             at_isosurface: self.stop == Stop::Isosurface,
             linear: self.attenuation == Attenuation::Linear,
             opacity: self.gather == Gather::Opacity,
@@ -157,7 +157,7 @@ impl Scalar {
     ///
     /// # Errors
     /// Rays shorter than a voxel, and view steps too many.
-    pub fn suits(&self, volume: &Volume, r_max_m: f64) -> Result<(), ParamError> {
+    pub fn check_volume(&self, volume: &Volume, r_max_m: f64) -> Result<(), ParamError> {
         let voxel_m = scalar_field::voxel_m(volume.spacing_m);
         if r_max_m < voxel_m {
             let name = if self.r_max_m > 0.0 { "r_max_m" } else { "r_max_share" };

@@ -24,7 +24,7 @@ fn strata_of_a_ray_read_the_level_of_their_length() {
 fn what_is_no_number_is_refused() {
     let mut params = params();
     params.scalar.iso = f64::NAN;
-    let error = params.check(parameter::Beside::default()).unwrap_err().to_string();
+    let error = params.check(parameter::FieldMeta::default()).unwrap_err().to_string();
     assert!(error.contains("scalar.iso"));
 }
 
@@ -38,7 +38,7 @@ fn steps_without_end_are_refused() {
         data: Vec::new(),
     };
     let scalar = Scalar { view_step_voxels: 0.06, ..Scalar::default() };
-    let message = scalar.suits(&volume, 100.0).unwrap_err().to_string();
+    let message = scalar.check_volume(&volume, 100.0).unwrap_err().to_string();
     assert!(message.starts_with("scalar.view_step_voxels"), "{message}");
 }
 
@@ -67,6 +67,6 @@ fn cells_follow_the_parameters() {
     parameter::set(&mut tree, "volume.cells", json!([20, 12, 20])).unwrap();
     parameter::set(&mut tree, "volume.reduce", json!(2)).unwrap();
     let params: Params = pipelines::read(&tree).unwrap();
-    let reduced = pipelines::staged(&params, &file).unwrap();
+    let reduced = pipelines::apply(&params, &file).unwrap();
     assert_eq!(Scene::build(&reduced).unwrap().volume.unwrap().cells, [10, 6, 10]);
 }

@@ -48,13 +48,13 @@ fn moving_objects_have_room_at_all_times() {
     let rest = Bounds { min: DVec3::new(-1.0, 0.0, 2.0), max: DVec3::new(3.0, 4.0, 5.0) };
     for deform in [Deform::None, Deform::Spin, Deform::Twist, Deform::Wave] {
         let animation = Animation { deform, ..Animation::default() };
-        let room = animation.room(&rest);
+        let room = animation.motion_bounds(&rest);
         assert!(room.min.cmple(rest.min).all() && room.max.cmpge(rest.max).all());
         assert_eq!(room == rest, deform == Deform::None);
     }
     let spin = Animation { deform: Deform::Spin, ..Animation::default() };
     // Half the diagonal of the foot, 4 m × 3 m, to each side of its middle.
-    let room = spin.room(&rest);
+    let room = spin.motion_bounds(&rest);
     assert_eq!((room.min.x, room.max.z), (1.0 - 2.5, 3.5 + 2.5));
     assert_eq!((room.min.y, room.max.y), (0.0, 4.0));
 }

@@ -3,7 +3,7 @@
 use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
 
-use super::{Intensity, PhotonGrid, Underwater};
+use super::{GridSettings, IntensityRule, Underwater};
 use fathom_scene::LightFrame;
 use fathom_stages::caustics::splat::SplatCoverage;
 
@@ -56,7 +56,7 @@ impl Underwater {
         })
     }
 
-    fn photons(&self, grid: &PhotonGrid, intensity: Intensity, flux_w: f32) -> Value {
+    fn photons(&self, grid: &GridSettings, intensity: IntensityRule, flux_w: f32) -> Value {
         json!({
             "count": grid.photons(),
             "flux_w": flux_w,
@@ -72,8 +72,8 @@ impl Underwater {
     fn splat(&self) -> Value {
         let splat = &self.plan.splat;
         let value = match self.params.caustics.intensity {
-            Intensity::Paper => "the photon's energy",
-            Intensity::Conserving => "the photon's energy / side_px²",
+            IntensityRule::Paper => "the photon's energy",
+            IntensityRule::Conserving => "the photon's energy / side_px²",
         };
         let coverage = match self.params.caustics.coverage {
             SplatCoverage::Square => {
@@ -101,8 +101,8 @@ impl Underwater {
     fn line(&self) -> Value {
         let lines = &self.plan.lines;
         let divided = match self.params.godrays.intensity {
-            Intensity::Paper => "",
-            Intensity::Conserving => " / width_px",
+            IntensityRule::Paper => "",
+            IntensityRule::Conserving => " / width_px",
         };
         json!({
             "width_px": lines.width_px,
@@ -119,13 +119,13 @@ impl Underwater {
     fn irradiance(&self) -> Value {
         let scale = self.plan.compose.caustics_scale;
         match self.params.caustics.intensity {
-            Intensity::Paper => json!({
+            IntensityRule::Paper => json!({
                 "scale": scale,
                 "unit": "1/m²",
                 "meaning": "irradiance, W/m², is the texel times the scale: 1 / the area across the view that a splat covers at the \
                     distance of the camera's target; right for what faces the camera there, and nowhere else",
             }),
-            Intensity::Conserving => json!({
+            IntensityRule::Conserving => json!({
                 "scale": scale,
                 "unit": "1, side at 1 m from the camera of a square with a pixel's area, m/m",
                 "meaning": "irradiance, W/m², is the texel * max(cos, 0.1) * d / (scale² * z³): d from the camera to the surface, z along \

@@ -18,13 +18,13 @@ const REACHED: f64 = 2.5e-4;
 /// How far below the scene's lowest point a search goes on, as a share of its depth: more than the light's depth is rounded by.
 const BELOW: f64 = 1e-3;
 /// Share of the scene's size that counts as the depth of a shallower one.
-const LEAST_DEPTH: f64 = 0.1;
+const MIN_DEPTH: f64 = 0.1;
 /// Turns of loops after which lavapipe ends an invocation.
-const MOST_TURNS: u32 = 65_535;
+const MAX_ITERATIONS: u32 = 65_535;
 
 /// The photon-grid part that caustics and godrays share.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PhotonGrid {
+pub struct GridSettings {
     pub grid: u32,
     pub subdivision: u32,
     pub mode: SubdivisionMode,
@@ -39,7 +39,7 @@ pub struct PhotonGrid {
     pub mask: bool,
 }
 
-impl PhotonGrid {
+impl GridSettings {
     pub fn photons(&self) -> u64 {
         u64::from(self.grid) * u64::from(self.grid) * u64::from(self.subdivision)
     }
@@ -98,11 +98,11 @@ impl PhotonGrid {
             )));
         }
         // Those chosen are few.
-        let turns = self.subdivision * self.estimator.fewest_turns(self.iterations.max(8));
-        if turns > MOST_TURNS {
+        let turns = self.subdivision * self.estimator.min_iterations(self.iterations.max(8));
+        if turns > MAX_ITERATIONS {
             return Err(ParamError::Unfit(format!(
                 "{name}.subdivision × {name}.iterations is too much for one invocation: {turns} turns of loops, and lavapipe ends \
-                 an invocation after {MOST_TURNS}"
+                 an invocation after {MAX_ITERATIONS}"
             )));
         }
         Ok(())
@@ -112,7 +112,7 @@ impl PhotonGrid {
 /// Height below which there is nothing to meet.
 fn bottom_m(view: &View) -> f64 {
     let lowest_m = view.bounds.min.y;
-    lowest_m - BELOW * lowest_m.abs().max(LEAST_DEPTH * view.bounds.size().length())
+    lowest_m - BELOW * lowest_m.abs().max(MIN_DEPTH * view.bounds.size().length())
 }
 
 /// Texels of the light's depth that the middle ray covers under level water, down to the scene's bottom.
@@ -167,7 +167,7 @@ fn paper_iterations(view: &View, start_m: f64) -> u32 {
 mod tests {
     use super::*;
 
-    fn at(degrees: f64) -> f64 {
+    fn rate(degrees: f64) -> f64 {
         contraction(degrees.to_radians().cos(), 1.33)
     }
 
@@ -176,10 +176,10 @@ mod tests {
         // From the first estimate of 1 m to the floor in 5 m.
         let left_m = |degrees: f64| {
             let sin = degrees.to_radians().sin() / 1.33;
-            (5.0 / (1.0 - sin * sin).sqrt() - 1.0) * at(degrees).powi(6)
+            (5.0 / (1.0 - sin * sin).sqrt() - 1.0) * rate(degrees).powi(6)
         };
         assert!(left_m(50.0) < 1e-3 && left_m(55.0) > 4e-3 && left_m(65.0) > 0.2);
-        assert!(at(71.0) < 1.0 && at(72.5) > 1.0, "{} {}", at(71.0), at(72.5));
-        assert_eq!(at(0.0), 0.0);
+        assert!(rate(71.0) < 1.0 && rate(72.5) > 1.0, "{} {}", rate(71.0), rate(72.5));
+        assert_eq!(rate(0.0), 0.0);
     }
 }

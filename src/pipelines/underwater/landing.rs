@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::{PhotonGrid, Underwater};
+use super::{GridSettings, Underwater};
 use crate::off_frustum::Frustum;
-use crate::{JudgeError, Judged, even_step, judged_view, share};
+use crate::{Errors, JudgeError, even_step, judged_view, share};
 use fathom_gpu::Gpu;
 use fathom_record::ErrorFigure;
 use fathom_reference::photons::{Landing, PhotonGrid as ExactGrid, land_all};
@@ -14,7 +14,7 @@ use fathom_scene::Scene;
 use fathom_stages::photon::{self, Fate, Photon, Photons};
 
 /// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
-const MOST_PHOTONS: usize = 10_000;
+const MAX_PHOTONS: usize = 10_000;
 
 /// Photons held against exact ones.
 #[derive(Default)]
@@ -44,16 +44,16 @@ impl Underwater {
     /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
     /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise; the quantity
     /// `…_photon_leak_rate` as pipeline `photon_tracing` has it. Of large grids an even selection is compared.
-    pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
+    pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, JudgeError> {
         let view = judged_view(&self.view, scene);
         let frame = view.light_frame();
         let tracer = Tracer::new(&scene.objects);
         let (mut errors, mut quantities) = (Vec::new(), BTreeMap::new());
-        let frustum = Frustum::new(&tracer, &view, scene.solid_bounds().times_tank());
+        let frustum = Frustum::new(&tracer, &view, scene.solid_bounds().tank_scale());
         for (name, stage, settings, photons) in self.grids() {
-            let PhotonGrid { grid: cells, offset, jitter, .. } = settings;
+            let GridSettings { grid: cells, offset, jitter, .. } = settings;
             let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
-            let step = even_step(grid.count() as usize, MOST_PHOTONS);
+            let step = even_step(grid.count() as usize, MAX_PHOTONS);
             let photons = photons.read(gpu)?;
             let tolerance_m = settings.tolerance_m as f32;
             let unconverged = photons.iter().filter(
@@ -66,9 +66,9 @@ impl Underwater {
             judged.iter().zip(&landings).for_each(|(photon, exact)| found.add(photon, exact));
             let exact = landings.iter().map(|exact| exact.landed());
             let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
-            let kept_out = pairs.filter(|(_, at)| frustum.is_kept_out(&at.hit, at.direction));
+            let kept_out = pairs.filter(|(_, at)| frustum.is_hidden_entry(&at.hit, at.direction));
             let leaks: Vec<bool> =
-                kept_out.map(|(p, at)| frustum.leaks(p, at.hit.position)).collect();
+                kept_out.map(|(p, at)| frustum.is_leak(p, at.hit.position)).collect();
             let leaked = leaks.iter().filter(|leaks| **leaks).count();
             quantities.insert(format!("{name}_photon_leak_rate"), share(leaked, leaks.len()));
             let figures = [
@@ -82,11 +82,11 @@ impl Underwater {
                 ErrorFigure::new(format!("{name}_{figure}"), value, unit, stage)
             }));
         }
-        Ok(Judged { errors, quantities })
+        Ok(Errors { errors, quantities })
     }
 
     /// Both photon grids: name, stage that traces it, settings, photons.
-    pub(super) fn grids(&self) -> [(&'static str, &'static str, PhotonGrid, &Photons); 2] {
+    pub(super) fn grids(&self) -> [(&'static str, &'static str, GridSettings, &Photons); 2] {
         let caustics = (self.params.caustics.grid_settings(), &self.caustics.photons);
         let godrays = (self.params.godrays.grid_settings(), &self.godrays.photons);
         [

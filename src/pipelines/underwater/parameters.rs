@@ -3,11 +3,11 @@
 use glam::{DVec2, DVec3, UVec2};
 use serde::{Deserialize, Serialize};
 
-use super::grid::PhotonGrid;
+use super::grid::GridSettings;
 use crate::Parameters;
-use crate::settings::{View, scaled};
+use crate::settings::{Viewport, scaled};
 use fathom_base::choices;
-use fathom_base::parameter::{ParamError, within};
+use fathom_base::parameter::{ParamError, check_range};
 use fathom_base::settings;
 use fathom_gpu::StageInfo;
 use fathom_scene::{Camera, Light, SceneFile, Water};
@@ -18,20 +18,20 @@ settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // UW §4.1: 800 × 800.
-        view: View = View { width: 800, height: 800 };
+        view: Viewport = Viewport { width: 800, height: 800 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         water: Water = file.water.clone();
         /// Depth of the scene's floor under the resting water.
         floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         shadow: ShadowMap = ShadowMap::from(file);
-        surface: Surface = Surface::default();
+        surface: WaterBuffers = WaterBuffers::default();
         /// Whether photons start only in the rectangle through which light reaches the water in view; else in all of the light's frustum,
         /// which follows the camera's: UW §3.1.
         photons_fitted: bool = true;
         caustics: Caustics = Caustics::from(file);
         godrays: Godrays = Godrays::from(file);
-        compose: Composition = Composition::from(file);
+        compose: UnderwaterPicture = UnderwaterPicture::from(file);
     }
 }
 
@@ -42,13 +42,13 @@ settings! {
         size: u32 = 1024 => 1 ..= 1_000_000, "px";
         /// Step of depth between neighbouring texels that counts as an edge: across it the estimator does not interpolate.
         /// Tuned on scene tank, where it is 10 cm, and a share of the scene.
-        edge_m: f64 = 0.1 * file.times_tank() => 0.0 ..= 1e4, "m";
+        edge_m: f64 = 0.1 * file.tank_scale() => 0.0 ..= 1e4, "m";
     }
 }
 
 settings! {
     /// The water's surface as it is drawn.
-    pub struct Surface {
+    pub struct WaterBuffers {
         /// Size of the reflection and refraction buffers relative to the viewport.
         scale: f64 = 0.5 => 0.01 ..= 4.0, "1";
         /// Quads per side of the grid that draws the water.
@@ -58,7 +58,7 @@ settings! {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Intensity {
+pub enum IntensityRule {
     /// The paper's rule: the intensity of a primitive does not depend on its size, and all photons are alike.
     Paper,
     /// Energy divided by the splat's area (the line's width), so that the sum over the buffer is the energy drawn. A point
@@ -86,11 +86,11 @@ pub enum Splatting {
     Raster,
 }
 
-choices!(Intensity, Splatting, SubdivisionMode);
+choices!(IntensityRule, Splatting, SubdivisionMode);
 
 settings! {
     /// How the picture is made.
-    pub struct Composition from file: SceneFile {
+    pub struct UnderwaterPicture from file: SceneFile {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). With 0.4, white in full light of 9.2 W/sr (UW §4.1) is shown at
         /// 85 % and focused light stands above it.
         exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
@@ -99,7 +99,7 @@ settings! {
         /// Taps of the optional screen-space ambient occlusion; 0 turns it off.
         occlusion_taps: u32 = 0 => 0 ..= 256, "1";
         /// Radius of the taps' disc at the surface: a share of the scene, 50 cm in scene tank.
-        occlusion_radius_m: f64 = 0.5 * file.times_tank() => 1e-6 ..= 1e5, "m";
+        occlusion_radius_m: f64 = 0.5 * file.tank_scale() => 1e-6 ..= 1e5, "m";
     }
 }
 
@@ -108,7 +108,7 @@ pub(super) struct PhotonPath {
     pub(super) grid_sized_by: &'static str,
     pub(super) buffer_sized_by: &'static str,
     pub(super) trace: &'static StageInfo,
-    pub(super) grid: PhotonGrid,
+    pub(super) grid: GridSettings,
     pub(super) conserving: bool,
     pub(super) filter: bool,
 }
@@ -145,9 +145,9 @@ macro_rules! photon_settings {
                 /// are never longer in cells of up to 144 photons over a light's depth of 1024 texels a side, and of up to 36 over one of 4096.
                 step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
                 /// Of `paper`: first estimate d0 of the path under water. UW gives none. A share of the scene, 1 m in scene tank.
-                start_m: f64 = $file.times_tank() => 0.0 ..= 1e4, "m";
+                start_m: f64 = $file.tank_scale() => 0.0 ..= 1e4, "m";
                 /// Residual below which a photon counts as converged: a share of the scene, 1 cm in scene tank.
-                tolerance_m: f64 = 0.01 * $file.times_tank() => 0.0 ..= 1e3, "m";
+                tolerance_m: f64 = 0.01 * $file.tank_scale() => 0.0 ..= 1e3, "m";
                 /// Whether photons are tested against the water mask. UW §3 step 2b.
                 mask: bool = true;
                 $($drawn)*
@@ -155,8 +155,8 @@ macro_rules! photon_settings {
         }
 
         impl $group {
-            pub fn grid_settings(&self) -> PhotonGrid {
-                PhotonGrid {
+            pub fn grid_settings(&self) -> GridSettings {
+                GridSettings {
                     grid: self.grid,
                     subdivision: self.subdivision,
                     mode: self.subdivision_mode,
@@ -182,13 +182,13 @@ macro_rules! photon_settings {
                     buffer_sized_by: concat!(stringify!($name), ".buffer"),
                     trace: &$trace,
                     grid: self.grid_settings(),
-                    conserving: self.intensity == Intensity::Conserving,
+                    conserving: self.intensity == IntensityRule::Conserving,
                     filter: self.filter,
                 }
             }
 
             /// Pixels of the buffer: as set, or scaled with the viewport.
-            fn buffer_size(&self, view: &View) -> [u32; 2] {
+            fn buffer_size(&self, view: &Viewport) -> [u32; 2] {
                 match self.buffer {
                     [0, 0] => scaled([view.width, view.height], $scale),
                     size => size,
@@ -228,9 +228,9 @@ photon_settings! {
         /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
         /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Tuned on scene tank, where it is 30 cm,
         /// and a share of the scene.
-        depth_bias_m: f64 = 0.3 * file.times_tank() => 0.0 ..= 1e5, "m";
+        depth_bias_m: f64 = 0.3 * file.tank_scale() => 0.0 ..= 1e5, "m";
         /// How much a photon adds.
-        intensity: Intensity = Intensity::Paper;
+        intensity: IntensityRule = IntensityRule::Paper;
         /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
         /// lavapipe compute takes 0.4 of the time at 5 px and 0.8 at 20 px.
         splatting: Splatting = Splatting::Compute;
@@ -264,7 +264,7 @@ photon_settings! {
         /// Scattering coefficient that scales the composed godrays: less than the attenuation, 0.1 where that is 0.13.
         scattering_per_m: f64 = 0.1 * (file.water.attenuation_per_m / 0.13) => 0.0 ..= 1e3, "1/m";
         /// How much a photon adds.
-        intensity: Intensity = Intensity::Paper;
+        intensity: IntensityRule = IntensityRule::Paper;
         /// Whether the buffer is smoothed.
         filter: bool = true;
         /// UW §3.5 gives neither taps nor radius.
@@ -275,18 +275,18 @@ photon_settings! {
 }
 
 impl Parameters for Params {
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         self.caustics.consistent()?;
         self.godrays.consistent()?;
         let (least, most) = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
-        within("caustics.point_size_max_px", most, least, 1024.0)
+        check_range("caustics.point_size_max_px", most, least, 1024.0)
     }
 
-    fn enlarged(&self, factor: u32) -> Option<Self> {
+    fn upscaled(&self, factor: u32) -> Option<Self> {
         let mut larger = self.clone();
         larger.caustics.buffer = self.caustics_buffer();
         larger.godrays.buffer = self.godrays_buffer();
-        larger.view = self.view.enlarged(factor);
+        larger.view = self.view.upscaled(factor);
         Some(larger)
     }
 }
@@ -313,7 +313,7 @@ impl Params {
     /// Shares of the picture that a splat in the middle of the view and a line cover, the larger of the two.
     pub(super) fn photon_reach(&self) -> DVec2 {
         let share = |side_px: f64, buffer: [u32; 2]| side_px / UVec2::from(buffer).as_dvec2();
-        let splat = share(self.point_size().at(self.middle_m()), self.caustics_buffer());
+        let splat = share(self.point_size().size_px(self.middle_m()), self.caustics_buffer());
         splat.max(share(self.godrays.line_width_px, self.godrays_buffer()))
     }
 }

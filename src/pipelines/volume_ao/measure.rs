@@ -3,7 +3,7 @@
 use super::{Params, VolumeAo, voxelize};
 use crate::occlusion::OcclusionBuffers;
 use crate::settings::Update;
-use crate::{Drawing, Pipeline, named};
+use crate::{Pipeline, PipelineInstance, to_map};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_scene::Scene;
 use fathom_stages::ao::march;
@@ -12,7 +12,7 @@ use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{Buffer, Resources, When};
 use std::collections::BTreeMap;
 
-impl Drawing for VolumeAo {
+impl PipelineInstance for VolumeAo {
     fn image(&self) -> &wgpu::Texture {
         &self.composed.image
     }
@@ -49,9 +49,9 @@ impl Drawing for VolumeAo {
         }
         if let Some(grid) = coarsest {
             figures.push(("r_max_voxels", self.marching.r_max_voxels(&grid)));
-            figures.push(("step_voxels", self.marching.step_in(&grid)));
+            figures.push(("step_voxels", self.marching.step_voxels(&grid)));
         }
-        Ok(named(figures))
+        Ok(to_map(figures))
     }
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {

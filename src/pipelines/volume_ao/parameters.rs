@@ -1,8 +1,8 @@
 //! Parameters of the pipeline `volume_ao`, their defaults with sources, and their ranges.
 
 use crate::Parameters;
-use crate::occlusion::Model;
-use crate::settings::{self, Animation, Compose, Filter, Method, Shadow, View, Voxel};
+use crate::occlusion::RayModel;
+use crate::settings::{self, Animation, Compose, Filter, Shadow, Viewport, Voxel, VoxelMethod};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_scene::{Camera, Grid, Light, Scene, SceneFile};
@@ -11,14 +11,14 @@ use fathom_stages::marching::{Marching, Occluder};
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: View = View::default();
+        view: Viewport = Viewport::default();
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         /// Depth of the scene's floor under the resting water.
         floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         /// Only the first objects of the scene file; 0: all.
         objects: u32 = 0 => 0 ..= 1_000_000, "1";
-        voxel: Voxel = Voxel { method: Method::Overlap, ..Voxel::default() };
+        voxel: Voxel = Voxel { method: VoxelMethod::Overlap, ..Voxel::default() };
         animation: Animation = Animation::default();
         shadow: Shadow = Shadow::default();
         ao: Marching = Marching::default();
@@ -30,17 +30,17 @@ settings! {
 /// Samples of a pixel and a volume at most, so that a frame ends.
 const MAX_SAMPLES: u64 = 1 << 20;
 /// The pyramid's level that rays are led by has cells of 4³ voxels.
-const LEAST_PYRAMID: u32 = 4;
+const MIN_PYRAMID: u32 = 4;
 
 impl Parameters for Params {
     const SEED: Option<&str> = Some("ao.seed");
 
-    fn consistent(&self) -> Result<(), ParamError> {
+    fn check_consistent(&self) -> Result<(), ParamError> {
         self.voxel.consistent()
     }
 
-    fn enlarged(&self, factor: u32) -> Option<Self> {
-        let mut larger = Self { view: self.view.enlarged(factor), ..self.clone() };
+    fn upscaled(&self, factor: u32) -> Option<Self> {
+        let mut larger = Self { view: self.view.upscaled(factor), ..self.clone() };
         larger.ao.scale /= f64::from(factor);
         Some(larger)
     }
@@ -78,9 +78,9 @@ impl Params {
                 )));
             }
             let longest = grid.cells.into_iter().max().unwrap_or(0);
-            if self.ao.skipping && longest < LEAST_PYRAMID {
+            if self.ao.skipping && longest < MIN_PYRAMID {
                 return Err(ParamError::Unfit(format!(
-                    "ao.skipping needs a volume of {LEAST_PYRAMID} voxels along its longest side: this one has {longest}"
+                    "ao.skipping needs a volume of {MIN_PYRAMID} voxels along its longest side: this one has {longest}"
                 )));
             }
         }
@@ -88,11 +88,11 @@ impl Params {
     }
 
     /// What rays make of surfaces.
-    pub(super) fn model(&self) -> Model {
+    pub(super) fn model(&self) -> RayModel {
         match (self.ao.occluder, self.voxel.method) {
-            (Occluder::Binary, _) => Model::First(self.ao.attenuation),
-            (Occluder::Opacity, Method::MaxAlpha) => Model::Through,
-            (Occluder::Opacity, _) => Model::ThroughOpaque,
+            (Occluder::Binary, _) => RayModel::First(self.ao.attenuation),
+            (Occluder::Opacity, VoxelMethod::MaxAlpha) => RayModel::Through,
+            (Occluder::Opacity, _) => RayModel::ThroughOpaque,
         }
     }
 

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64;
 use super::*;
 use fathom_base::statistics::estimate;
 use fathom_experiments::fixtures;
-use fathom_record::{Clock, ErrorFigure, Measured, Outcome, Reading, Record};
+use fathom_record::{Clock, ErrorFigure, Measured, Outcome, Record, RecordFile};
 
 /// How many times as long each time takes in the second run.
 const DRIFT: f64 = 1.4;
@@ -15,11 +15,11 @@ const BETWEEN: f64 = 0.04;
 
 fn file(name: &str, records: Vec<Record>) -> RunFile {
     let path = PathBuf::from(name).join("records.jsonl");
-    RunFile { path, reading: Reading { records, ..Reading::default() } }
+    RunFile { path, reading: RecordFile { records, ..RecordFile::default() } }
 }
 
-fn changes(base: Vec<Record>, head: Vec<Record>) -> Changes {
-    Changes::of_files([&file("base", base), &file("head", head)], &Gate::ALL).unwrap()
+fn changes(base: Vec<Record>, head: Vec<Record>) -> RunChanges {
+    RunChanges::from_files([&file("base", base), &file("head", head)], &Gate::ALL).unwrap()
 }
 
 /// A number about 0 with a standard deviation of [`BETWEEN`], that of this name always the same.
@@ -52,7 +52,7 @@ fn again(factor: impl Fn(&str) -> f64) -> Vec<Record> {
     records
 }
 
-fn of<'r>(records: &'r mut [Record], experiment: &str) -> Vec<&'r mut Cell> {
+fn cells_of<'r>(records: &'r mut [Record], experiment: &str) -> Vec<&'r mut Cell> {
     fixtures::cells(records).filter(|cell| cell.experiment == experiment).collect()
 }
 
@@ -63,13 +63,12 @@ fn default(records: &mut [Record]) -> &mut Measured {
 
 /// Adds the default cell under another name.
 fn renamed(records: &mut Vec<Record>, name: &str) {
-    let mut cell = of(records, "uw-default")[0].clone();
+    let mut cell = cells_of(records, "uw-default")[0].clone();
     cell.cell = name.to_owned();
     records.push(Record::Cell(Box::new(cell)));
 }
 
-/// Two runs in which the changes are known.
-fn known() -> [Vec<Record>; 2] {
+fn changed_runs() -> [Vec<Record>; 2] {
     let factor = |stage: &str| match stage {
         "caustics/trace" => 1.3,
         "water/reflection" => 1.05,
@@ -80,7 +79,7 @@ fn known() -> [Vec<Record>; 2] {
         let measured = default(records);
         measured.errors.push(ErrorFigure::new("irradiance_error", error, "1", "caustics/filter"));
     }
-    for cell in of(&mut head, "uw-waves") {
+    for cell in cells_of(&mut head, "uw-waves") {
         let directional = cell.axes["water"] == "directional";
         let amplitude_m = cell.axes["water.amplitude_m"].as_f64().unwrap();
         let measured = cell.measured_mut().filter(|_| directional);
@@ -104,12 +103,13 @@ fn noise_comes_first_and_a_change_that_it_says_can_be_seen_is_listed() {
             file("base", fixtures::run()),
             file("head", again(|stage| if stage == "caustics/trace" { share } else { 1.0 })),
         ];
-        let changes = Changes::of_files([&base, &head], &Gate::ALL).unwrap();
+        let changes = RunChanges::from_files([&base, &head], &Gate::ALL).unwrap();
         let noise = changes.noise.clone();
         let first = changes.into_text().lines().next().unwrap().to_owned();
         assert_eq!(Some(&first), noise.as_ref());
-        let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
-        let times = Times::of(&Cells::of([&views[0], &views[1]].map(cells)).both);
+        let views = [&base, &head].map(|file| Report::new(&file.reading.records, None));
+        let times =
+            TimeChanges::compare(&CellMatches::match_runs([&views[0], &views[1]].map(cells)).both);
         let is_listed = times.changed.iter().any(|change| change.name == "caustics/trace");
         (times.scatter.unwrap(), is_listed, first)
     };
@@ -122,7 +122,7 @@ fn noise_comes_first_and_a_change_that_it_says_can_be_seen_is_listed() {
 
 #[test]
 fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_does() {
-    let [base, head] = known();
+    let [base, head] = changed_runs();
     let told = changes(base, head).into_text();
     // Each block from its title on. What scatters between runs also settles some claims that were open.
     let lines: Vec<&str> = told.lines().collect();
@@ -178,7 +178,7 @@ fn equal_runs_have_no_change_and_few_stages_none_either() {
 #[test]
 fn what_is_not_measured_in_the_same_way_is_told_and_not_compared() {
     let mut head = fixtures::run();
-    let mut cells = of(&mut head, "uw-photons");
+    let mut cells = cells_of(&mut head, "uw-photons");
     let scene = std::mem::replace(&mut cells[0].scene, "elsewhere".to_owned());
     cells[1].outcome = Outcome::Failed { reason: "device lost".to_owned() };
     let stages = &mut cells[2].measured_mut().unwrap().stages;

@@ -14,7 +14,7 @@ const BAR_PX: f64 = 16.0;
 /// Between the bars of one value and those of the next.
 const SPACE_PX: f64 = 10.0;
 
-struct Bar {
+struct MeasureBar {
     series: usize,
     /// In the plot's unit.
     value: Estimate,
@@ -29,13 +29,13 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
     let (y, over) = (plot.y.first()?, plot.over.as_ref()?);
     // Of the cells' values on the other axes.
     let mut series = IndexSet::new();
-    let mut clusters = IndexMap::<String, Vec<Bar>>::new();
+    let mut clusters = IndexMap::<String, Vec<MeasureBar>>::new();
     let factor = names::factor(y, plot.y_title.as_ref());
     for cell in &input.cells {
         let Some(value) = cell.measured().and_then(|figures| y.read(cell, figures)) else {
             continue;
         };
-        let bar = Bar {
+        let bar = MeasureBar {
             series: series.insert_full(names::group(plot, &[*cell], input.experiment)).0,
             value: value.estimate().scaled(factor),
             n: value.n(),
@@ -58,7 +58,7 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
     let rows = bars().count() as f64 * BAR_PX + clusters.len() as f64 * SPACE_PX;
     // A stage's own colour where no series need colours.
     let of_stage = y.stage_name().filter(|_| series.len() == 1);
-    let of_stage = of_stage.map(|stage| style::of_stage(input.colors.of(&stage)));
+    let of_stage = of_stage.map(|stage| style::stage_color(input.colors.color(&stage)));
     let mut row = rows - SPACE_PX / 2.0;
     let mut items = Vec::new();
     for (label, bars) in &clusters {
@@ -81,7 +81,7 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
     })
 }
 
-impl Bar {
+impl MeasureBar {
     fn items(&self, row: f64, color: RGBColor) -> Vec<Item> {
         let (top, middle) = (row + BAR_PX, row + BAR_PX / 2.0);
         let [low, high] = self.value.ends();

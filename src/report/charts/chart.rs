@@ -5,14 +5,14 @@ use plotters::coord::ranged1d::{Ranged, ValueFormatter};
 use plotters::prelude::*;
 
 use super::style::{self, Marker};
-use super::{Area, Drawn, Panel, WIDTH_PX};
+use super::{Area, DrawResult, Panel, WIDTH_PX};
 use crate::axis::{Scale, ScaleKind};
 
 /// Axis below the bars, with its title.
 const AXIS_PX: u32 = 48;
 const MARGIN_PX: u32 = 16;
 /// Most pixels for the labels of rows.
-const MOST_LABELS_PX: u32 = 400;
+const MAX_LABELS_PX: u32 = 400;
 
 /// Grid and axes of every chart.
 pub fn mesh<'a, 'b, 'm, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
@@ -29,7 +29,7 @@ pub fn mesh<'a, 'b, 'm, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
 }
 
 /// Gives the shape that was drawn last a title, which a reader sees under the pointer.
-pub fn tip(area: &Area<'_>, words: &str) -> Drawn {
+pub fn tip(area: &Area<'_>, words: &str) -> DrawResult {
     area.draw_text(&format!("{}{words}", style::TIP), &style::small(), (0, 0))
 }
 
@@ -79,7 +79,7 @@ impl BarChart {
             Item::Label(label, _) => Some(style::width_px(label, style::LABEL_PX) + 20),
             _ => None,
         });
-        widths.max().unwrap_or_default().clamp(60, MOST_LABELS_PX)
+        widths.max().unwrap_or_default().clamp(60, MAX_LABELS_PX)
     }
 }
 
@@ -88,7 +88,7 @@ impl Panel for BarChart {
         self.legend.height_px() + self.rows_px + AXIS_PX + 8
     }
 
-    fn draw(&self, area: &Area<'_>) -> Drawn {
+    fn draw(&self, area: &Area<'_>) -> DrawResult {
         let (legend, area) = area.split_vertically(self.legend.height_px());
         self.legend.draw(&legend)?;
         let labels_px = self.labels_px();
@@ -128,7 +128,7 @@ impl Panel for BarChart {
                 plot.draw(&(EmptyElement::at(*at) + Polygon::new(DIAMOND, style::INK.filled())))
             }
             Item::Label(line, row) => {
-                let line = style::cut(line, style::fitting(labels_px - 8));
+                let line = style::truncate(line, style::max_characters(labels_px - 8));
                 write(&line, style::ending(style::label()), (self.scale.low, *row), -8)
             }
             Item::Words(line, at, shift_px) => {
@@ -178,7 +178,7 @@ impl Legend {
         self.places().last().map_or(0, |(_, row)| (row + 1) * LEGEND_ROW_PX + 6)
     }
 
-    pub fn draw(&self, area: &Area<'_>) -> Drawn {
+    pub fn draw(&self, area: &Area<'_>) -> DrawResult {
         for ((mark, words), (x, row)) in self.0.iter().zip(self.places()) {
             let (x, y) = (x as i32, (row * LEGEND_ROW_PX + LEGEND_ROW_PX / 2) as i32);
             mark.draw(area, (x + 7, y))?;
@@ -193,7 +193,7 @@ impl Legend {
 const DIAMOND: [(i32, i32); 4] = [(0, -6), (6, 0), (0, 6), (-6, 0)];
 
 impl Mark {
-    pub fn draw(&self, area: &Area<'_>, (x, y): (i32, i32)) -> Drawn {
+    pub fn draw(&self, area: &Area<'_>, (x, y): (i32, i32)) -> DrawResult {
         let placed = |outline: &[(i32, i32)]| -> Vec<(i32, i32)> {
             outline.iter().map(|(dx, dy)| (x + dx, y + dy)).collect()
         };

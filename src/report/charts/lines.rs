@@ -3,9 +3,9 @@
 
 use itertools::Itertools;
 
-use super::points::{MOST_Y_TITLE, Point, PointChart, Series};
+use super::points::{MAX_Y_TITLE, Point, PointChart, Series};
 use super::style::Marker;
-use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
+use super::{Area, DrawResult, Panel, PlotInput, WIDTH_PX, names, style};
 use crate::axis::{Scale, ScaleKind};
 use crate::facts::exponent;
 use crate::format::interval;
@@ -14,17 +14,17 @@ use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
 use fathom_record::Cell;
 
 /// Series that one chart can hold.
-const MOST_TOGETHER: usize = 5;
+const MAX_TOGETHER: usize = 5;
 /// Height of a chart with its axis.
 const HEIGHT_PX: u32 = 350;
 const SMALL_HEIGHT_PX: u32 = 320;
 
-pub struct Lines {
+pub struct LineCharts {
     charts: Vec<PointChart>,
 }
 
 /// A measure of the cells of a group, and where both stand in the plot.
-struct Part<'s> {
+struct LineGroup<'s> {
     y: &'s Measure,
     place: usize,
     /// What its cells share on the other axes.
@@ -34,12 +34,12 @@ struct Part<'s> {
     cells: Vec<&'s Cell>,
 }
 
-impl Lines {
+impl LineCharts {
     /// None where no series has a point.
-    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Option<Lines> {
+    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Option<LineCharts> {
         let parts = parts(plot, input);
-        let together = parts.len() <= MOST_TOGETHER;
-        let chart_of = |part: &Part<'_>| match plot.y.len() {
+        let together = parts.len() <= MAX_TOGETHER;
+        let chart_of = |part: &LineGroup<'_>| match plot.y.len() {
             _ if together => 0,
             1 => part.group_place,
             _ => part.place,
@@ -50,7 +50,7 @@ impl Lines {
         if plot.kind == PlotKind::Scaling {
             share_scales(&mut charts)?;
         }
-        (!charts.is_empty()).then_some(Lines { charts })
+        (!charts.is_empty()).then_some(LineCharts { charts })
     }
 
     /// Charts side by side: as many as the names of their series have room for.
@@ -73,12 +73,12 @@ impl Lines {
     }
 }
 
-impl Panel for Lines {
+impl Panel for LineCharts {
     fn height_px(&self) -> u32 {
         self.charts.len().div_ceil(self.columns()) as u32 * self.row_px()
     }
 
-    fn draw(&self, area: &Area<'_>) -> Drawn {
+    fn draw(&self, area: &Area<'_>) -> DrawResult {
         if let [chart] = self.charts.as_slice() {
             return chart.draw_with_names(area);
         }
@@ -108,26 +108,27 @@ fn share_scales(charts: &mut [PointChart]) -> Option<()> {
     Some(())
 }
 
-fn parts<'s>(plot: &'s Plot, input: &PlotInput<'s>) -> Vec<Part<'s>> {
+fn parts<'s>(plot: &'s Plot, input: &PlotInput<'s>) -> Vec<LineGroup<'s>> {
     let groups: Vec<Vec<&Cell>> = match &plot.over {
         Some(over) => groups(&input.cells, over).into_iter().map(|(_, cells)| cells).collect(),
         None => vec![input.cells.clone()],
     };
     let pairs = plot.y.iter().enumerate().cartesian_product(groups.iter().enumerate());
-    let part = |((place, y), (group_place, cells)): ((usize, _), (usize, &Vec<&'s Cell>))| Part {
-        y,
-        place,
-        group: names::group(plot, cells, input.experiment),
-        group_place,
-        groups: groups.len(),
-        cells: cells.clone(),
-    };
+    let part =
+        |((place, y), (group_place, cells)): ((usize, _), (usize, &Vec<&'s Cell>))| LineGroup {
+            y,
+            place,
+            group: names::group(plot, cells, input.experiment),
+            group_place,
+            groups: groups.len(),
+            cells: cells.clone(),
+        };
     pairs.map(part).collect()
 }
 
 fn chart(
     plot: &Plot,
-    parts: &[Part<'_>],
+    parts: &[LineGroup<'_>],
     together: bool,
     input: &PlotInput<'_>,
 ) -> Option<PointChart> {
@@ -160,7 +161,7 @@ fn chart(
             _ => names::measure(first.y),
         },
         x_title: format!("{x_title}, {} scale", kind.name()),
-        y_title: format!("{}, {}", style::cut(&y_title, MOST_Y_TITLE), kind.name()),
+        y_title: format!("{}, {}", style::truncate(&y_title, MAX_Y_TITLE), kind.name()),
         x,
         y,
         series,
@@ -179,11 +180,11 @@ fn coincide(a: &Series, b: &Series) -> bool {
 fn series(
     plot: &Plot,
     x: &Measure,
-    part: &Part<'_>,
+    part: &LineGroup<'_>,
     several: bool,
     input: &PlotInput<'_>,
 ) -> Series {
-    let Part { y, place, group_place, groups, .. } = *part;
+    let LineGroup { y, place, group_place, groups, .. } = *part;
     let factors = [(x, &plot.x_title), (y, &plot.y_title)]
         .map(|(measure, title)| names::factor(measure, title.as_ref()));
     let category = plot.over.as_ref().filter(|over| input.experiment.is_category(over));
@@ -215,11 +216,11 @@ fn series(
         name: name.into_iter().chain(group).join(", "),
         remarks: remarks(fit.as_ref(), counts),
         color: match y.stage_name().filter(|stage| input.colors.has(stage)) {
-            Some(stage) => style::of_stage(input.colors.of(&stage)),
+            Some(stage) => style::stage_color(input.colors.color(&stage)),
             _ if several => style::color(place),
             _ => style::color(group_place),
         },
-        marker: Marker::of(if several { place * groups + group_place } else { group_place }),
+        marker: Marker::nth(if several { place * groups + group_place } else { group_place }),
         points,
         is_joined: category.is_none(),
         fit: fit.map(|fit| {

@@ -7,7 +7,7 @@ use itertools::Itertools;
 use plotters::prelude::*;
 use serde_json::Value;
 
-use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
+use super::{Area, DrawResult, Panel, PlotInput, WIDTH_PX, names, style};
 use crate::axis::{Scale, ScaleKind};
 use crate::format::three;
 use fathom_experiments::label_text;
@@ -22,48 +22,48 @@ const HEAD_PX: i32 = 58;
 const LABELS_PX: i32 = 104;
 const GAP_PX: i32 = 18;
 /// Fields of all maps of a plot that are still drawn.
-const MOST_FIELDS: usize = 10_000;
+const MAX_FIELDS: usize = 10_000;
 
-pub struct Map {
+pub struct MapPanel {
     /// What the fields show.
     shows: String,
-    columns: Side,
-    rows: Side,
-    maps: Vec<Grid>,
+    columns: MapSide,
+    rows: MapSide,
+    maps: Vec<MapGrid>,
     /// Of the colours of all maps, so that a colour is one value throughout.
     scale: Scale,
 }
 
 /// What runs along a side of the maps.
-struct Side {
+struct MapSide {
     title: String,
     labels: IndexSet<Value>,
 }
 
 /// One map: its place on the other axes, and the fields row by row.
-struct Grid {
+struct MapGrid {
     title: String,
     fields: Vec<Vec<Option<f64>>>,
 }
 
-impl Map {
+impl MapPanel {
     /// None where no cell has a value.
     ///
     /// # Errors
     /// More fields than can be read.
-    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Result<Option<Map>, &'static str> {
+    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Result<Option<MapPanel>, &'static str> {
         let PlotInput { experiment, cells, .. } = input;
         let (Some(y), Some(across), Some(down)) = (plot.y.first(), &plot.columns, &plot.rows)
         else {
             return Ok(None);
         };
-        let columns = Side::new(across, experiment, cells);
-        let rows = Side::new(down, experiment, cells);
+        let columns = MapSide::new(across, experiment, cells);
+        let rows = MapSide::new(down, experiment, cells);
         let place = |cell: &Cell| -> Option<Vec<Value>> {
             plot.panels.iter().map(|name| cell.axes.get(name).cloned()).collect()
         };
         let panels: IndexSet<Vec<Value>> = cells.iter().filter_map(|cell| place(cell)).collect();
-        if panels.len() * rows.labels.len() * columns.labels.len() > MOST_FIELDS {
+        if panels.len() * rows.labels.len() * columns.labels.len() > MAX_FIELDS {
             return Err("its maps have more than 10,000 fields, which cells.csv lists");
         }
         let factor = names::factor(y, plot.y_title.as_ref());
@@ -85,16 +85,17 @@ impl Map {
                 let columns = columns.labels.iter();
                 columns.map(|column| field(&panel, row, column)).collect()
             });
-            Grid { title: title(plot, experiment, &panel), fields: fields.collect() }
+            MapGrid { title: title(plot, experiment, &panel), fields: fields.collect() }
         };
-        let maps: Vec<Grid> = panels.into_iter().map(grid).filter(Grid::has_a_value).collect();
+        let maps: Vec<MapGrid> =
+            panels.into_iter().map(grid).filter(MapGrid::has_a_value).collect();
         let shows = names::y_title(plot, Some(y));
         let scale = scale(values.values().copied());
-        Ok(scale.map(|scale| Map { shows, columns, rows, maps, scale }))
+        Ok(scale.map(|scale| MapPanel { shows, columns, rows, maps, scale }))
     }
 
     fn map_px(&self) -> (i32, i32) {
-        let fields = |side: &Side, px: i32| side.labels.len() as i32 * px;
+        let fields = |side: &MapSide, px: i32| side.labels.len() as i32 * px;
         (
             LABELS_PX + fields(&self.columns, FIELD_PX.0) + GAP_PX,
             HEAD_PX + fields(&self.rows, FIELD_PX.1) + GAP_PX,
@@ -107,7 +108,7 @@ impl Map {
         (room / self.map_px().0).clamp(1, self.maps.len().max(1) as i32)
     }
 
-    fn map(&self, area: &Area<'_>, map: &Grid, (x, y): (i32, i32)) -> Drawn {
+    fn map(&self, area: &Area<'_>, map: &MapGrid, (x, y): (i32, i32)) -> DrawResult {
         let (left, top) = (x + LABELS_PX, y + HEAD_PX);
         let write = |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at);
         write(&map.title, &style::label(), (left, y + 2))?;
@@ -130,9 +131,9 @@ impl Map {
 }
 
 /// A coloured field with its number.
-fn field_of(area: &Area<'_>, scale: &Scale, value: Option<f64>, (x, y): (i32, i32)) -> Drawn {
+fn field_of(area: &Area<'_>, scale: &Scale, value: Option<f64>, (x, y): (i32, i32)) -> DrawResult {
     // Of a single value all shares are 0.
-    let share = |value| scale.at(value).map(|at| scale.share(at).max(0.0));
+    let share = |value| scale.coord(value).map(|at| scale.share(at).max(0.0));
     let color = value.and_then(share).map_or(style::GAPS, style::shade);
     let corners = [(x + 1, y + 1), (x + FIELD_PX.0 - 1, y + FIELD_PX.1 - 1)];
     area.draw(&Rectangle::new(corners, color.filled()))?;
@@ -142,7 +143,7 @@ fn field_of(area: &Area<'_>, scale: &Scale, value: Option<f64>, (x, y): (i32, i3
     area.draw_text(&number, &style::centered(ink), middle)
 }
 
-impl Grid {
+impl MapGrid {
     fn has_a_value(&self) -> bool {
         self.fields.iter().flatten().any(Option::is_some)
     }
@@ -161,13 +162,13 @@ fn scale(values: impl Iterator<Item = f64>) -> Option<Scale> {
     Scale::spanning(kind, [low, high])
 }
 
-impl Panel for Map {
+impl Panel for MapPanel {
     fn height_px(&self) -> u32 {
         let lines = (self.maps.len() as i32 + self.across() - 1) / self.across();
         (TITLE_PX + lines * self.map_px().1 + 8) as u32
     }
 
-    fn draw(&self, area: &Area<'_>) -> Drawn {
+    fn draw(&self, area: &Area<'_>) -> DrawResult {
         let line = format!(
             "{}. Colours run from the smallest value (dark) to the largest (light), {} scale.",
             self.shows,
@@ -192,11 +193,11 @@ fn title(plot: &Plot, experiment: &Experiment, panel: &[Value]) -> String {
     parts.join(", ")
 }
 
-impl Side {
+impl MapSide {
     /// The axis' values that measured cells have, in the order of the cells.
-    fn new(name: &str, experiment: &Experiment, cells: &[&Cell]) -> Side {
+    fn new(name: &str, experiment: &Experiment, cells: &[&Cell]) -> MapSide {
         let measured = cells.iter().filter(|cell| cell.measured().is_some());
-        Side {
+        MapSide {
             title: names::axis(name, experiment),
             labels: measured.filter_map(|cell| cell.axes.get(name).cloned()).collect(),
         }

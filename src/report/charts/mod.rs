@@ -19,11 +19,11 @@ use itertools::Itertools;
 use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 
-use self::{lines::Lines, map::Map};
+use self::{lines::LineCharts, map::MapPanel};
 pub use self::{stacked::shares, strip::strip};
 use super::colors::StageColors;
 use super::document::Tone;
-use super::{Artifact, Exporter, OfRun, ReportView, RunExporter, Section, Written};
+use super::{Artifact, Exporter, Report, RunExporter, RunFormat, Section, Timing};
 use fathom_base::text;
 use fathom_experiments as experiments;
 use fathom_experiments::Measure;
@@ -34,8 +34,8 @@ pub const EXPORTER: RunExporter = Exporter {
     name: "plots",
     about: "the plots of each experiment, SVG",
     file: "EXPERIMENT.svg",
-    written: Written::WithEveryReport,
-    export: OfRun::Several(export),
+    written: Timing::WithEveryReport,
+    export: RunFormat::Several(export),
 };
 
 const WIDTH_PX: u32 = 980;
@@ -50,16 +50,16 @@ const GAP_PX: u32 = 18;
 const LINE_CHARACTERS: usize = 134;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-type Drawn<T = ()> = Result<T, DrawingAreaErrorKind<std::io::Error>>;
+type DrawResult<T = ()> = Result<T, DrawingAreaErrorKind<std::io::Error>>;
 
 /// Cells of a plot beyond which it is not drawn: nobody can read it.
-const MOST_CELLS: usize = 2_000;
+const MAX_CELLS: usize = 2_000;
 
 /// What a panel draws below its title.
 trait Panel {
     fn height_px(&self) -> u32;
 
-    fn draw(&self, area: &Area<'_>) -> Drawn;
+    fn draw(&self, area: &Area<'_>) -> DrawResult;
 }
 
 /// What plots are made from.
@@ -78,8 +78,7 @@ impl<'s> PlotInput<'s> {
         Some(PlotInput { experiment, cells, colors: &section.colors, software })
     }
 
-    /// With the cells that a plot shows.
-    fn of(&self, plot: &Plot) -> PlotInput<'s> {
+    fn select(&self, plot: &Plot) -> PlotInput<'s> {
         let belongs = |cell: &&Cell| {
             let on_axis = plot.over.as_ref().is_none_or(|over| cell.axes.contains_key(over));
             on_axis && experiments::fits(cell, &plot.filter)
@@ -94,8 +93,7 @@ impl<'s> PlotInput<'s> {
     }
 }
 
-/// A panel with its title and what is said below it.
-struct Framed<'s> {
+struct TitledPanel<'s> {
     title: &'s str,
     /// Lines of small type.
     lines: Vec<String>,
@@ -112,13 +110,13 @@ pub struct Figure {
 }
 
 impl Figure {
-    pub fn of(section: &Section<'_>) -> Figure {
+    pub fn draw(section: &Section<'_>) -> Figure {
         let Some(input) = PlotInput::new(section) else { return Figure::default() };
         let plots: Vec<(&Plot, PlotInput<'_>)> =
-            input.experiment.plot.iter().map(|plot| (plot, input.of(plot))).collect();
+            input.experiment.plot.iter().map(|plot| (plot, input.select(plot))).collect();
         let (mut panels, mut missing) = (Vec::new(), Vec::new());
         for (plot, input) in &plots {
-            match Framed::new(plot, input, section) {
+            match TitledPanel::new(plot, input, section) {
                 Ok(panel) => panels.push(panel),
                 Err(reason) => missing.push((plot.title.clone(), reason)),
             }
@@ -130,8 +128,8 @@ impl Figure {
 
 /// One plot of an experiment alone.
 pub fn one_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
-    let input = PlotInput::new(section)?.of(plot);
-    let panel = Framed::new(plot, &input, section).ok()?;
+    let input = PlotInput::new(section)?.select(plot);
+    let panel = TitledPanel::new(plot, &input, section).ok()?;
     Some(picture(section, &names::common(&input), &[panel]))
 }
 
@@ -139,16 +137,16 @@ pub fn file_name(section: &Section<'_>) -> String {
     format!("{}.svg", text::file_stem(section.id))
 }
 
-fn export(view: &ReportView<'_>) -> Vec<Artifact> {
+fn export(view: &Report<'_>) -> Vec<Artifact> {
     let drawn = view.sections.iter().filter_map(|section| {
         let svg = section.figure().svg.as_ref()?;
-        Some(Artifact::of(file_name(section), style::in_file(svg)))
+        Some(Artifact::new(file_name(section), style::with_style_sheet(svg)))
     });
     drawn.collect()
 }
 
 /// A drawing of this size; `about` says in one sentence what it shows.
-fn drawing(size_px: (u32, u32), about: &str, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
+fn drawing(size_px: (u32, u32), about: &str, draw: impl FnOnce(&Area<'_>) -> DrawResult) -> String {
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, size_px).into_drawing_area();
@@ -160,19 +158,19 @@ fn drawing(size_px: (u32, u32), about: &str, draw: impl FnOnce(&Area<'_>) -> Dra
     text::block(style::titled(&svg, about))
 }
 
-impl<'s> Framed<'s> {
+impl<'s> TitledPanel<'s> {
     fn new(
         plot: &'s Plot,
         input: &'s PlotInput<'s>,
         section: &Section<'_>,
-    ) -> Result<Framed<'s>, &'static str> {
-        if input.cells.len() > MOST_CELLS {
+    ) -> Result<TitledPanel<'s>, &'static str> {
+        if input.cells.len() > MAX_CELLS {
             return Err("it has more than 2,000 cells, which cells.csv lists");
         }
         let body = body(plot, input)?.ok_or("no records hold its data")?;
         let mut lines = verdicts(plot, input, section);
         lines.extend(published(plot, input));
-        Ok(Framed { title: &plot.title, lines, body })
+        Ok(TitledPanel { title: &plot.title, lines, body })
     }
 
     fn head_px(&self) -> u32 {
@@ -183,7 +181,7 @@ impl<'s> Framed<'s> {
         self.head_px() + self.body.height_px() + GAP_PX
     }
 
-    fn draw(&self, area: &Area<'_>) -> Drawn {
+    fn draw(&self, area: &Area<'_>) -> DrawResult {
         area.draw_text(self.title, &style::heading(), (16, 8))?;
         for (row, line) in (0..).zip(&self.lines) {
             let y = (HEADING_PX + 6 + row * LINE_PX) as i32;
@@ -202,11 +200,11 @@ fn body<'s>(
         Box::new(panel)
     }
     Ok(match plot.kind {
-        PlotKind::Scaling | PlotKind::Lines => Lines::new(plot, input).map(boxed),
+        PlotKind::Scaling | PlotKind::Lines => LineCharts::new(plot, input).map(boxed),
         PlotKind::Stacked => stacked::chart(input).map(boxed),
         PlotKind::Bars => bars::chart(plot, input).map(boxed),
         PlotKind::Ratios => ratios::chart(plot, input).map(boxed),
-        PlotKind::Map => Map::new(plot, input)?.map(boxed),
+        PlotKind::Map => MapPanel::new(plot, input)?.map(boxed),
     })
 }
 
@@ -220,7 +218,7 @@ fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<St
         shown.contains(claim.test.y()) && claim.test.over().is_none_or(has_axis)
     });
     let lines = about.flat_map(|(_, ruling)| {
-        let mark = Tone::of(ruling.verdict).mark();
+        let mark = Tone::from_verdict(ruling.verdict).mark();
         style::wrap(&format!("{mark} {}: {}", ruling.marked(), ruling.text), LINE_CHARACTERS)
     });
     lines.collect()
@@ -258,10 +256,10 @@ fn subtitle(section: &Section<'_>, common: &str) -> Vec<String> {
     lines.flat_map(|line| style::wrap(&line, LINE_CHARACTERS)).collect()
 }
 
-fn picture(section: &Section<'_>, common: &str, panels: &[Framed<'_>]) -> String {
+fn picture(section: &Section<'_>, common: &str, panels: &[TitledPanel<'_>]) -> String {
     let subtitle = subtitle(section, common);
     let head_px = TITLE_PX + subtitle.len() as u32 * LINE_PX + 10;
-    let height_px = head_px + panels.iter().map(Framed::height_px).sum::<u32>();
+    let height_px = head_px + panels.iter().map(TitledPanel::height_px).sum::<u32>();
     let title = format!("{}: {}", section.id, section.title());
     drawing((WIDTH_PX, height_px), &title, |root| {
         root.draw_text(&title, &style::title(), (16, 12))?;
@@ -289,7 +287,7 @@ mod tests {
     use fathom_record::{Definition, Outcome, Profile, Record};
 
     fn svgs(records: &[Record]) -> BTreeMap<String, String> {
-        let files = export(&ReportView::new(records, None));
+        let files = export(&Report::new(records, None));
         let text = |file: Artifact| (file.name, String::from_utf8(file.bytes).unwrap());
         files.into_iter().map(text).collect()
     }
@@ -486,12 +484,12 @@ mod tests {
     #[test]
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
         let records = mapped();
-        let view = ReportView::new(&records, None);
+        let view = Report::new(&records, None);
         let experiment = Experiment::parse("own", MAPPED).unwrap();
         let (cells, colors) = (view.sections[0].cells(), &view.colors);
         let input = PlotInput { experiment: &experiment, cells, colors, software: true };
         let plot = &experiment.plot[1];
-        let chart = bars::chart(plot, &input.of(plot)).unwrap();
+        let chart = bars::chart(plot, &input.select(plot)).unwrap();
         let shape = chart.items.iter().filter_map(|item| match item {
             Item::Label(label, _) => Some(label.as_str()),
             Item::Bar(..) => Some("bar"),

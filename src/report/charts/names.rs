@@ -46,7 +46,7 @@ pub fn measure(y: &Measure) -> String {
 /// The factor from a measure's value to that on the ordinate. A title of the plot's own speaks of values as recorded.
 pub fn factor(y: &Measure, title: Option<&String>) -> f64 {
     match title {
-        Some(_) if y.is_time() => words::Unit::Milliseconds.factor(),
+        Some(_) if y.is_time() => words::FigureUnit::Milliseconds.factor(),
         Some(_) => 1.0,
         None => y.label().unit.factor(),
     }

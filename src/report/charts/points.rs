@@ -5,7 +5,7 @@ use plotters::prelude::*;
 
 use super::chart::{Mark, mesh, tip};
 use super::style::{self, Marker};
-use super::{Area, Drawn, drawing};
+use super::{Area, DrawResult, drawing};
 use crate::axis::Scale;
 use fathom_record::Estimate;
 
@@ -56,7 +56,7 @@ pub struct ChangeLine {
 const ROW_PX: i32 = 16;
 const TITLE_PX: i32 = 22;
 /// Most pixels for the names at the ends of lines.
-const MOST_NAMES_PX: u32 = 230;
+const MAX_NAMES_PX: u32 = 230;
 /// The mark of published figures.
 const STAR: [[(i32, i32); 2]; 4] =
     [[(-6, 0), (6, 0)], [(0, -6), (0, 6)], [(-4, -4), (4, 4)], [(-4, 4), (4, -4)]];
@@ -64,7 +64,7 @@ const STAR: [[(i32, i32); 2]; 4] =
 const NAME_MARK_PX: i32 = 14;
 const NAME_PX: i32 = 26;
 /// Characters of the ordinate's title that fit beside a chart, its scale apart.
-pub const MOST_Y_TITLE: usize = 34;
+pub const MAX_Y_TITLE: usize = 34;
 /// A name that is further than this from its line is joined to it.
 const LEADER_FROM_PX: i32 = 8;
 /// Where the names of series begin above a small chart, behind their marks.
@@ -80,7 +80,7 @@ impl PointChart {
     }
 
     /// The only chart of a panel, with names at the ends of its series.
-    pub fn draw_with_names(&self, area: &Area<'_>) -> Drawn {
+    pub fn draw_with_names(&self, area: &Area<'_>) -> DrawResult {
         let names: Vec<Vec<String>> = self.series.iter().map(Series::lines).collect();
         let longest = names.iter().flatten().map(|line| style::width_px(line, style::LABEL_PX));
         let names_px = longest.max().unwrap_or_default() + NAME_PX as u32;
@@ -108,7 +108,7 @@ impl PointChart {
     }
 
     /// One of several charts, with its title and the names of its series above.
-    pub fn draw_small(&self, area: &Area<'_>, head_px: u32) -> Drawn {
+    pub fn draw_small(&self, area: &Area<'_>, head_px: u32) -> DrawResult {
         area.draw_text(&self.title, &style::label(), (16, 2))?;
         for (index, series) in (0..).zip(&self.series) {
             let y = TITLE_PX + index * ROW_PX + 6;
@@ -137,7 +137,7 @@ impl PointChart {
         NAMES_PX as u32 + (style::SMALL_CHARACTER_PX * longest.unwrap_or(0) as f64).ceil() as u32
     }
 
-    fn axes<'b>(&self, area: &Area<'b>, top_px: u32, right_px: u32) -> Drawn<PlotArea<'b>> {
+    fn axes<'b>(&self, area: &Area<'b>, top_px: u32, right_px: u32) -> DrawResult<PlotArea<'b>> {
         let mut chart = ChartBuilder::on(area)
             .margin_top(top_px + 6)
             .margin_right(right_px)
@@ -154,7 +154,7 @@ impl PointChart {
             .y_desc(&self.y_title)
             .draw()?;
         let plot = chart.plotting_area().clone();
-        let canvas = Canvas { area: &plot, chart: self };
+        let canvas = PlotCanvas { area: &plot, chart: self };
         self.changes.iter().try_for_each(|change| canvas.change(change))?;
         self.series.iter().try_for_each(|series| canvas.series(series))?;
         Ok(plot)
@@ -170,7 +170,8 @@ impl PointChart {
     /// Pixel height of a series' last point.
     fn end(&self, plot: &PlotArea<'_>, series: &Series) -> i32 {
         let last = series.points.last();
-        let at = last.and_then(|point| Some((self.x.at(point.x)?, self.y.at(point.y.median)?)));
+        let at =
+            last.and_then(|point| Some((self.x.coord(point.x)?, self.y.coord(point.y.median)?)));
         at.map_or(0, |at| plot.map_coordinate(&at).1)
     }
 }
@@ -178,7 +179,7 @@ impl PointChart {
 impl Series {
     /// Its name and remarks, in lines that fit beside the chart.
     fn lines(&self) -> Vec<String> {
-        let fitting = style::fitting(MOST_NAMES_PX);
+        let fitting = style::max_characters(MAX_NAMES_PX);
         let parts = std::iter::once(&self.name).chain(&self.remarks);
         let told = parts.filter(|part| !part.is_empty());
         told.flat_map(|part| style::wrap(part, fitting)).collect()
@@ -197,42 +198,42 @@ impl Series {
     }
 }
 
-struct Canvas<'a, 'b> {
+struct PlotCanvas<'a, 'b> {
     area: &'a PlotArea<'b>,
     chart: &'a PointChart,
 }
 
-impl Canvas<'_, '_> {
-    fn at(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        Some((self.chart.x.at(x)?, self.chart.y.at(y)?))
+impl PlotCanvas<'_, '_> {
+    fn coordinates(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        Some((self.chart.x.coord(x)?, self.chart.y.coord(y)?))
     }
 
-    fn line(&self, ends: [Option<(f64, f64)>; 2], style: ShapeStyle) -> Drawn {
+    fn line(&self, ends: [Option<(f64, f64)>; 2], style: ShapeStyle) -> DrawResult {
         let [Some(a), Some(b)] = ends else {
             return Ok(());
         };
         self.area.draw(&PathElement::new(vec![a, b], style))
     }
 
-    fn series(&self, series: &Series) -> Drawn {
+    fn series(&self, series: &Series) -> DrawResult {
         let Series { points, color, .. } = series;
         for (a, b) in points.iter().tuple_windows().filter(|_| series.is_joined) {
-            let ends = [a, b].map(|point| self.at(point.x, point.y.median));
+            let ends = [a, b].map(|point| self.coordinates(point.x, point.y.median));
             let width_px = if series.fit.is_some() { 1 } else { 2 };
             self.line(ends, color.mix(0.8).stroke_width(width_px))?;
         }
         if let Some(ends) = series.fit {
-            self.dashed(ends.map(|[x, y]| self.at(x, y)), *color)?;
+            self.dashed(ends.map(|[x, y]| self.coordinates(x, y)), *color)?;
         }
         points.iter().try_for_each(|point| self.point(point, series))
     }
 
-    fn point(&self, point: &Point, series: &Series) -> Drawn {
+    fn point(&self, point: &Point, series: &Series) -> DrawResult {
         let Series { color, marker, .. } = *series;
         let area = self.area.strip_coord_spec();
         let (x0, y0) = area.get_base_pixel();
         let px = |y: f64| {
-            let (x, y) = self.area.map_coordinate(&self.at(point.x, y)?);
+            let (x, y) = self.area.map_coordinate(&self.coordinates(point.x, y)?);
             Some((x - x0, y - y0))
         };
         let ends = point.y.interval.and_then(|i| Some([px(i.low)?, px(i.high)?]));
@@ -251,13 +252,13 @@ impl Canvas<'_, '_> {
         point.published.map_or(Ok(()), |span| self.published(point.x, span))
     }
 
-    fn change(&self, change: &ChangeLine) -> Drawn {
+    fn change(&self, change: &ChangeLine) -> DrawResult {
         let [low, high] = [self.chart.y.low, self.chart.y.high];
         self.dashed([Some((change.x, low)), Some((change.x, high))], change.color)?;
         tip(&self.area.strip_coord_spec(), &change.tip)
     }
 
-    fn dashed(&self, ends: [Option<(f64, f64)>; 2], color: RGBColor) -> Drawn {
+    fn dashed(&self, ends: [Option<(f64, f64)>; 2], color: RGBColor) -> DrawResult {
         const DASH_PX: f64 = 11.0;
         let [Some(a), Some(b)] = ends else {
             return Ok(());
@@ -276,8 +277,8 @@ impl Canvas<'_, '_> {
         Ok(())
     }
 
-    fn published(&self, x: f64, [low, high]: [f64; 2]) -> Drawn {
-        let ends = [self.at(x, low), self.at(x, high)];
+    fn published(&self, x: f64, [low, high]: [f64; 2]) -> DrawResult {
+        let ends = [self.coordinates(x, low), self.coordinates(x, high)];
         self.line(ends, style::INK.stroke_width(2))?;
         for at in ends.into_iter().flatten() {
             for ray in STAR {

@@ -9,17 +9,17 @@ use super::{PlotInput, names, style};
 use crate::axis::{Scale, ScaleKind};
 use crate::format::interval;
 use fathom_experiments::schema::{Plot, Test};
-use fathom_experiments::{Measure, Reading, fits, groups, label_text, same};
+use fathom_experiments::{Measure, Quantity, fits, groups, label_text, same};
 use fathom_record::{Cell, Interval};
 
 const ROW_PX: u32 = 34;
 /// Room for a ratio with its interval and number of samples.
 const RIGHT_PX: u32 = 230;
 
-struct Row {
+struct RatioRow {
     label: String,
     color: RGBColor,
-    ratio: Reading,
+    ratio: Quantity,
     /// What a claim allows.
     band: Option<Interval>,
 }
@@ -30,9 +30,9 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
     let sides = [plot.numerator.as_ref()?, plot.denominator.as_ref()?];
     let groups = groups(&input.cells, over);
     let of_measure =
-        |y| groups.iter().filter_map(move |(_, cells)| Row::new(plot, y, sides, cells, input));
-    let rows: Vec<Row> = plot.y.iter().flat_map(of_measure).collect();
-    let shown = rows.iter().flat_map(Row::shown).chain([1.0]);
+        |y| groups.iter().filter_map(move |(_, cells)| RatioRow::new(plot, y, sides, cells, input));
+    let rows: Vec<RatioRow> = plot.y.iter().flat_map(of_measure).collect();
+    let shown = rows.iter().flat_map(RatioRow::shown).chain([1.0]);
     let mut scale = Scale::fit(ScaleKind::Linear, shown)?;
     scale.low = scale.low.max(0.0);
     let banded = rows.iter().any(|row| row.band.is_some());
@@ -54,28 +54,28 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
     })
 }
 
-impl Row {
+impl RatioRow {
     fn new(
         plot: &Plot,
         y: &Measure,
         sides: [&Value; 2],
         cells: &[&Cell],
         input: &PlotInput<'_>,
-    ) -> Option<Row> {
+    ) -> Option<RatioRow> {
         let over = plot.over.as_ref()?;
         let at = |wanted: &Value| {
             cells.iter().find(|cell| cell.axes.get(over).is_some_and(|value| same(value, wanted)))
         };
         let [top, bottom] = [at(sides[0])?, at(sides[1])?];
         let read = |cell: &Cell| y.read(cell, cell.measured()?);
-        let ratio = read(top)?.over(&read(bottom)?);
+        let ratio = read(top)?.ratio_to(&read(bottom)?);
         let others = (top.axes.len() > 1).then(|| names::cell(top, Some(over), input.experiment));
         let what = (plot.y.len() > 1 || others.is_none()).then(|| names::measure(y));
         let label = others.into_iter().chain(what).collect::<Vec<_>>().join(": ");
         let stage = y.stage_name();
-        let color = stage.map_or(style::color(0), |s| style::of_stage(input.colors.of(&s)));
+        let color = stage.map_or(style::color(0), |s| style::stage_color(input.colors.color(&s)));
         let band = band(plot, y, sides, top, input);
-        ratio.median().is_finite().then_some(Row { label, color, ratio, band })
+        ratio.median().is_finite().then_some(RatioRow { label, color, ratio, band })
     }
 
     /// What the axis must hold: bands without an end reach to its edge.

@@ -15,7 +15,7 @@ use fathom_record::{Cell, Estimate, Measured};
 
 const BAR_PX: u32 = 34;
 /// A stage that has less of every cell's frame is drawn among the others.
-const LEAST_SHARE: f64 = 0.01;
+const MIN_SHARE: f64 = 0.01;
 
 /// A cell, times in milliseconds.
 struct Bar {
@@ -39,7 +39,7 @@ pub fn shares(rows: &[(String, Vec<StageShare<'_>>)], colors: &StageColors) -> S
         let mut start = 0.0;
         for StageShare { stage, share } in stages {
             let length = 100.0 * stage.time.median / sum_ns.max(f64::MIN_POSITIVE);
-            let color = style::of_stage(colors.of(&stage.stage));
+            let color = style::stage_color(colors.color(&stage.stage));
             let [name, ms] = [stage.stage.as_str(), &format::stage_ms(stage)];
             let tip = format!(
                 "{label}, {name}; {length:.1} % of the medians: {ms} ms, {}",
@@ -85,7 +85,7 @@ pub fn chart(input: &PlotInput<'_>) -> Option<BarChart> {
         let timed: f64 = bar.parts.iter().sum();
         [timed, low, bar.frame.median, high, bar.published.map_or(0.0, |span| span[1])]
     });
-    let of_stages = stages.iter().map(|stage| style::of_stage(input.colors.of(stage)));
+    let of_stages = stages.iter().map(|stage| style::stage_color(input.colors.color(stage)));
     let colors: Vec<RGBColor> = of_stages.chain([style::REST, style::GAPS]).collect();
     let rows = bars.iter().zip((0..bars.len()).rev());
     let names = [&stages[..], &OTHERS].concat();
@@ -125,7 +125,7 @@ fn coloured<'a>(figures: &[(&'a Cell, &'a Measured)]) -> Vec<&'a str> {
             *most = most.max(stage.time.median / total);
         }
     }
-    shares.into_iter().filter(|(_, share)| *share >= LEAST_SHARE).map(|(name, _)| name).collect()
+    shares.into_iter().filter(|(_, share)| *share >= MIN_SHARE).map(|(name, _)| name).collect()
 }
 
 impl Bar {

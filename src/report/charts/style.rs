@@ -58,7 +58,7 @@ pub fn sheet() -> String {
 }
 
 /// The picture as a file, with the sheet in it.
-pub fn in_file(svg: &str) -> String {
+pub fn with_style_sheet(svg: &str) -> String {
     svg.replacen(">\n", &format!(">\n<style>{}</style>\n", sheet()), 1)
 }
 
@@ -110,7 +110,7 @@ pub fn titled(svg: &str, about: &str) -> String {
     titled
 }
 
-pub fn of_tone(tone: Tone) -> RGBColor {
+pub fn tone_color(tone: Tone) -> RGBColor {
     match tone {
         Tone::Good => GOOD,
         Tone::Bad => BAD,
@@ -119,7 +119,7 @@ pub fn of_tone(tone: Tone) -> RGBColor {
     }
 }
 
-pub fn of_stage(color: StageColor) -> RGBColor {
+pub fn stage_color(color: StageColor) -> RGBColor {
     RGBColor(color.0, color.1, color.2)
 }
 
@@ -132,12 +132,12 @@ pub fn width_px(line: &str, size_px: u32) -> u32 {
 }
 
 /// Characters of a label that fit into so many pixels.
-pub fn fitting(room_px: u32) -> usize {
+pub fn max_characters(room_px: u32) -> usize {
     (f64::from(room_px) / (f64::from(LABEL_PX) * CHARACTER)) as usize
 }
 
 /// At most so many characters, with an ellipsis where something does not fit.
-pub fn cut(line: &str, most: usize) -> String {
+pub fn truncate(line: &str, most: usize) -> String {
     if line.chars().count() <= most {
         return line.to_owned();
     }
@@ -256,7 +256,7 @@ pub struct Marker {
 
 impl Marker {
     /// By a series' place among those of its colour: every shape filled, then every shape hollow, and so on: labels tell them apart.
-    pub fn of(place: usize) -> Marker {
+    pub fn nth(place: usize) -> Marker {
         use Shape::*;
         let shapes = [Circle, Square, Triangle, Diamond, Hanging, Upright];
         let count = shapes.len();

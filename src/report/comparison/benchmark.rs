@@ -10,7 +10,7 @@ use fathom_record::Interval;
 
 /// A value under a name. The smaller, the better.
 #[derive(Serialize)]
-struct Entry {
+struct BenchValue {
     name: String,
     unit: &'static str,
     /// In `unit`.
@@ -23,17 +23,17 @@ struct Entry {
 }
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
-    let entries: Vec<Entry> = verdicts.cells.iter().flat_map(entries).collect();
+    let entries: Vec<BenchValue> = verdicts.cells.iter().flat_map(entries).collect();
     // Strings and numbers always have a JSON.
     serde_json::to_string_pretty(&entries).unwrap_or_default() + "\n"
 }
 
-fn entries(cell: &JudgedCell) -> Vec<Entry> {
+fn entries(cell: &JudgedCell) -> Vec<BenchValue> {
     let mut entries = Vec::new();
     let verdict = cell.verdict;
     let mut add = |what: &str, unit, value, extra, range| {
         let name = text::key([cell.cell.configuration(), cell.cell.stage(), what]);
-        entries.push(Entry { name, unit, value, extra, range });
+        entries.push(BenchValue { name, unit, value, extra, range });
     };
     if let Some(time) = &cell.time {
         let extra = format!("{verdict}: {:+.2} % against the base", 100.0 * time.change.median);

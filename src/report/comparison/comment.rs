@@ -4,27 +4,27 @@
 use itertools::Itertools;
 
 use super::{document, rows};
-use crate::document::{Line, Part, Span, markdown};
+use crate::document::{Block, Line, Span, markdown};
 use crate::noise;
 use fathom_judge::verdict::{CellVerdict, JudgedCell, Verdicts};
 
 /// Cells and faults that are listed; the rest is counted.
-const MOST_ITEMS: usize = 5;
+const MAX_ITEMS: usize = 5;
 /// Characters of a name.
-const MOST_CHARACTERS: usize = 160;
+const MAX_CHARACTERS: usize = 160;
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
     let noise =
-        noise::of_comparison(verdicts).map(|noise| short(&noise) + ". ").unwrap_or_default();
+        noise::describe_noise(verdicts).map(|noise| short(&noise) + ". ").unwrap_or_default();
     let items = items(verdicts);
-    let more = items.len().saturating_sub(MOST_ITEMS);
+    let more = items.len().saturating_sub(MAX_ITEMS);
     let more = (more > 0).then(|| format!("and {more} more").into());
     let [sides, adapters] = rows::sides(verdicts).map(|side| name(&side));
     let parts = [
-        Part::Heading(document::title(verdicts)),
-        Part::paragraph(noise + &rows::counted(verdicts)),
-        Part::list(items.into_iter().take(MOST_ITEMS).chain(more)),
-        Part::paragraph(sides.and(" on ").and(adapters)),
+        Block::Heading(document::title(verdicts)),
+        Block::paragraph(noise + &rows::count_words(verdicts)),
+        Block::list(items.into_iter().take(MAX_ITEMS).chain(more)),
+        Block::paragraph(sides.and(" on ").and(adapters)),
     ];
     markdown(&parts).trim_end().to_owned() + "\n"
 }
@@ -40,11 +40,11 @@ fn items(verdicts: &Verdicts<'_>) -> Vec<Line> {
     verdicts
         .regressions()
         .into_iter()
-        .map(of_cell)
+        .map(cell_line)
         .chain(whole.map(|difference| name(&rows::difference(difference))))
         .chain(verdicts.faults.iter().filter(|fault| !fault.absent).map(|f| name(&rows::fault(f))))
-        .chain(unmeasured.map(of_cell))
-        .chain(open.map(of_cell))
+        .chain(unmeasured.map(cell_line))
+        .chain(open.map(cell_line))
         .collect()
 }
 
@@ -55,13 +55,13 @@ fn high(cell: &JudgedCell) -> f64 {
 }
 
 /// `tank caustics/trace`: slower: time +5.0 % (4.8 … 5.2); instructions +6.10 %
-fn of_cell(cell: &JudgedCell) -> Line {
+fn cell_line(cell: &JudgedCell) -> Line {
     let faults = cell.faults.iter().map(rows::fault);
     let others = cell.differences.iter().filter(|other| other.worse).map(rows::difference);
     let others = others.chain(faults).collect_vec();
     // Their names come from workers.
     let others = (!others.is_empty()).then(|| name(&others.join("; ")));
-    let because = rows::because(cell).into_iter().map(Line::from).chain(others);
+    let because = rows::reasons(cell).into_iter().map(Line::from).chain(others);
     let because = because.reduce(|line, more| line.and("; ").and(more)).unwrap_or_default();
     name(cell.cell.as_str()).and(format!(": {}: ", cell.verdict)).and(because)
 }
@@ -72,7 +72,7 @@ fn name(text: &str) -> Line {
 }
 
 fn short(text: &str) -> String {
-    match text.char_indices().nth(MOST_CHARACTERS) {
+    match text.char_indices().nth(MAX_CHARACTERS) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),
     }

@@ -4,44 +4,44 @@ use itertools::{Itertools, chain};
 
 use super::rows;
 use crate::charts::strip;
-use crate::document::{self, ColumnKind, Field, Line, Part, Span, Table, Tone};
+use crate::document::{self, Block, ColumnKind, Field, Line, Span, Table, Tone};
 use crate::noise;
 use crate::page::{ComparisonOnPage, Page};
 use fathom_judge::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use fathom_record::Interval;
 
 /// Changes are shown up to this share, or to the largest of the comparison.
-const LEAST_SHOWN: f64 = 0.1;
+const MIN_SHOWN: f64 = 0.1;
 
 /// The parts that each format puts into its own order.
-struct Parts {
+struct VerdictBlocks {
     /// What was compared, on what, and how noisy that was.
-    conditions: Vec<Part>,
+    conditions: Vec<Block>,
     /// Every regression, then the verdict.
-    verdict: Vec<Part>,
-    details: Vec<Part>,
+    verdict: Vec<Block>,
+    details: Vec<Block>,
 }
 
-impl Parts {
-    fn of(verdicts: &Verdicts<'_>) -> Parts {
+impl VerdictBlocks {
+    fn new(verdicts: &Verdicts<'_>) -> VerdictBlocks {
         let [sides, adapter] = rows::sides(verdicts);
-        let noise = noise::of_comparison(verdicts).map(Part::paragraph);
+        let noise = noise::describe_noise(verdicts).map(Block::paragraph);
         let tone = match verdicts.status {
             Status::NoRegression => Tone::Good,
             Status::Regression => Tone::Bad,
             Status::CouldNotMeasure | Status::Inconclusive | Status::TimesNotJudged => Tone::Open,
         };
         let headline = Span::Chip(tone, rows::headline(verdicts));
-        Parts {
+        VerdictBlocks {
             conditions: chain![
-                [Span::Bold(sides), Span::Faint(adapter)].map(Part::paragraph),
+                [Span::Bold(sides), Span::Faint(adapter)].map(Block::paragraph),
                 noise
             ]
             .collect(),
-            verdict: vec![Part::list(rows::regressions(verdicts)), Part::paragraph(headline)],
+            verdict: vec![Block::list(rows::regressions(verdicts)), Block::paragraph(headline)],
             details: vec![
-                Part::Fold("All cells".into(), vec![Part::Table(cells(verdicts))]),
-                Part::Fold("Notes".into(), vec![Part::list(rows::notes(verdicts))]),
+                Block::Fold("All cells".into(), vec![Block::Table(cells(verdicts))]),
+                Block::Fold("Notes".into(), vec![Block::list(rows::notes(verdicts))]),
             ],
         }
     }
@@ -49,15 +49,15 @@ impl Parts {
 
 /// The verdict at the end, where the eye is.
 pub fn terminal(verdicts: &Verdicts<'_>) -> String {
-    let Parts { conditions, verdict, details } = Parts::of(verdicts);
+    let VerdictBlocks { conditions, verdict, details } = VerdictBlocks::new(verdicts);
     let parts = chain![conditions, details, verdict].collect_vec();
     document::terminal(&parts)
 }
 
 /// For a pull request and for a job's summary.
 pub fn markdown(verdicts: &Verdicts<'_>) -> String {
-    let Parts { conditions, verdict, details } = Parts::of(verdicts);
-    let title = Part::Heading(title(verdicts));
+    let VerdictBlocks { conditions, verdict, details } = VerdictBlocks::new(verdicts);
+    let title = Block::Heading(title(verdicts));
     let parts = chain![[title], conditions, verdict, details].collect_vec();
     document::markdown(&parts)
 }
@@ -75,7 +75,7 @@ pub fn page(verdicts: &Verdicts<'_>) -> String {
 
 /// What the page shows of a comparison.
 pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
-    let Parts { conditions, verdict, details } = Parts::of(verdicts);
+    let VerdictBlocks { conditions, verdict, details } = VerdictBlocks::new(verdicts);
     let parts = chain![conditions, verdict, details].collect_vec();
     ComparisonOnPage { sides: rows::sides(verdicts)[0].clone(), parts }
 }
@@ -127,5 +127,5 @@ fn reach(verdicts: &Verdicts<'_>) -> f64 {
         let [low, high] = time.change.ends();
         [time.change.median.abs(), low.abs(), high.abs()]
     });
-    ends.filter(|end| end.is_finite()).fold(LEAST_SHOWN, f64::max)
+    ends.filter(|end| end.is_finite()).fold(MIN_SHOWN, f64::max)
 }

@@ -27,7 +27,7 @@ pub fn export(verdicts: &Verdicts<'_>) -> String {
         let status = failed(NonSuccessKind::Error, "fault", &rows::fault(fault));
         add(&mut gates, "gate", &name, status);
     }
-    if !verdicts.comparison.came_to_its_end() {
+    if !verdicts.comparison.is_complete() {
         let status = failed(NonSuccessKind::Error, "incomplete", rows::INCOMPLETE);
         add(&mut gates, "gate", "end", status);
     }

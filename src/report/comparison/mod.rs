@@ -8,7 +8,7 @@ pub(crate) mod rows;
 
 pub use document::{markdown, on_page};
 
-use crate::{Exporter, Written, page as html};
+use crate::{Exporter, Timing, page as html};
 use fathom_judge::verdict::Verdicts;
 
 /// A format of verdicts: it makes the text of its file.
@@ -17,7 +17,7 @@ pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;
 /// Exporters of comparisons, in the order in which their files are written.
 pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
     Exporter {
-        written: Written::OnRequest,
+        written: Timing::OnRequest,
         ..format("text", "a table for the terminal", "comparison.txt", document::terminal)
     },
     format("markdown", "Markdown for the page of a job", "summary.md", document::markdown),
@@ -44,5 +44,5 @@ const fn format(
     file: &'static str,
     export: fn(&Verdicts<'_>) -> String,
 ) -> ComparisonExporter {
-    Exporter { name, about, file, written: Written::WithEveryReport, export }
+    Exporter { name, about, file, written: Timing::WithEveryReport, export }
 }

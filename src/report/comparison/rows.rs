@@ -7,9 +7,9 @@ use itertools::Itertools;
 
 use crate::format::{NS_PER_MS, mebibytes, si, three};
 use fathom_judge::adapters::AdapterRelation;
-use fathom_judge::counts::{Change, Counted};
+use fathom_judge::counts::{Change, CountChange};
 use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
-use fathom_judge::store::StoredComparison;
+use fathom_judge::store::Comparison;
 use fathom_judge::time::{self, CellTime, ThrottledLaunches, TimeVerdict};
 use fathom_judge::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
 use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
@@ -22,7 +22,7 @@ pub const HEADER: [&str; 7] =
 /// One cell of a table of cells.
 pub fn cell(cell: &JudgedCell) -> [String; 7] {
     let time = cell.time.as_ref();
-    let base = time.map(|time| in_ms(time.base_ns));
+    let base = time.map(|time| format_ms(time.base_ns));
     let detectable = time.and_then(|time| time.detectable);
     let counted = cell.instructions.as_ref();
     let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
@@ -84,12 +84,12 @@ fn throttled(time: &CellTime) -> Option<String> {
     ))
 }
 
-fn in_ms(ns: f64) -> String {
+fn format_ms(ns: f64) -> String {
     format!("{} ms", three(ns / NS_PER_MS))
 }
 
 /// How many more instructions the head takes.
-fn more(counted: &Counted) -> String {
+fn more(counted: &CountChange) -> String {
     let unjudged = if counted.change == Change::NotJudged { ", different adapters" } else { "" };
     format!("{}{unjudged}", signed(counted.ratio - 1.0, 2))
 }
@@ -97,13 +97,13 @@ fn more(counted: &Counted) -> String {
 /// The same, of a whole configuration with its name.
 pub fn difference(difference: &Difference) -> String {
     match &difference.scope {
-        DifferenceScope::Configuration(id) => format!("{id}: {}", changed(difference)),
-        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed(difference),
+        DifferenceScope::Configuration(id) => format!("{id}: {}", format_change(difference)),
+        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => format_change(difference),
     }
 }
 
 /// `fragments 100 → 120 (+20.0 %)`.
-pub fn changed(difference: &Difference) -> String {
+pub fn format_change(difference: &Difference) -> String {
     let Difference { figure, base, head, kind, .. } = difference;
     let value = |value: f64| match kind {
         FigureKind::Bytes => mebibytes(value as u64),
@@ -125,12 +125,12 @@ pub fn fault(fault: &Fault) -> String {
 
 /// `no regression; 48 cells: 40 same, 8 inconclusive`.
 pub fn headline(verdicts: &Verdicts<'_>) -> String {
-    format!("{}; {}", verdicts.status, counted(verdicts))
+    format!("{}; {}", verdicts.status, count_words(verdicts))
 }
 
 /// `48 cells: 40 same, 8 inconclusive`.
-pub fn counted(verdicts: &Verdicts<'_>) -> String {
-    let all = verdicts.counts();
+pub fn count_words(verdicts: &Verdicts<'_>) -> String {
+    let all = verdicts.count_verdicts();
     let counted = all.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
     format!("{}: {counted}", cells(verdicts.cells.len()))
 }
@@ -142,7 +142,7 @@ fn cells(count: usize) -> String {
 /// Each regression in a sentence, the gravest first; then what concerns configurations as a whole.
 pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
     let cells = verdicts.regressions().into_iter().map(|cell| {
-        let mut because = because(cell);
+        let mut because = reasons(cell);
         let worse = cell.differences.iter().filter(|difference| difference.worse);
         because.extend(worse.map(difference));
         format!("{}: {}: {}", cell.cell, cell.verdict, because.join("; "))
@@ -153,7 +153,7 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
 }
 
 /// What a cell's time and instructions say.
-pub fn because(cell: &JudgedCell) -> Vec<String> {
+pub fn reasons(cell: &JudgedCell) -> Vec<String> {
     let time = cell.time.iter();
     let time = time.flat_map(|time| [Some(format!("time {}", change(time))), throttled(time)]);
     let counted = cell.instructions.iter();
@@ -183,7 +183,7 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     }
     notes.extend(inconclusive(verdicts));
     notes.extend(on_two_adapters(verdicts));
-    notes.extend(held_down(verdicts));
+    notes.extend(throttled_times(verdicts));
     let better = verdicts.configurations.iter();
     notes.extend(better.filter(|other| !other.worse).map(difference));
     notes.extend(verdicts.faults.iter().map(fault));
@@ -221,7 +221,7 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
 fn on_two_adapters(verdicts: &Verdicts<'_>) -> Option<String> {
     let header = &verdicts.comparison.header;
     header.base_adapter.as_ref()?;
-    let told = match AdapterRelation::in_header(header) {
+    let told = match AdapterRelation::from_header(header) {
         AdapterRelation::Same => "one device and driver under two settings: everything is judged",
         AdapterRelation::OtherVersion => {
             "one device under two versions of its driver: everything is judged"
@@ -233,8 +233,7 @@ fn on_two_adapters(verdicts: &Verdicts<'_>) -> Option<String> {
     Some(told.to_owned())
 }
 
-/// How many times rest on launches in which clocks were held down.
-fn held_down(verdicts: &Verdicts<'_>) -> Option<String> {
+fn throttled_times(verdicts: &Verdicts<'_>) -> Option<String> {
     let times = verdicts.cells.iter().filter_map(|cell| cell.time.as_ref());
     let held = times.clone().filter(|time| time.throttled.is_some()).count();
     let doubtful = times.clone().filter(|time| time.may_be_throttling());
@@ -248,7 +247,7 @@ fn held_down(verdicts: &Verdicts<'_>) -> Option<String> {
 }
 
 /// What could not be computed of configurations, once where both sides say the same.
-fn configuration_notes(comparison: &StoredComparison) -> Vec<String> {
+fn configuration_notes(comparison: &Comparison) -> Vec<String> {
     let lines = comparison.configurations.iter();
     let notes = lines.flat_map(|line| {
         line.notes.iter().map(|note| (format!("{}: {note}", line.configuration), line.side))
@@ -287,14 +286,14 @@ fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
 }
 
 /// How many cells the first launches settled, if any.
-fn settled(comparison: &StoredComparison) -> Option<String> {
-    let settled = time::settled(comparison).len();
+fn settled(comparison: &Comparison) -> Option<String> {
+    let settled = time::unchanged_cells(comparison).len();
     (settled > 0)
         .then(|| format!(" ({} launches for {}, which they settled)", time::LOOK, cells(settled)))
 }
 
 /// What the second measurement of the time gate was, if there was one.
-fn second(comparison: &StoredComparison) -> Option<String> {
+fn second(comparison: &Comparison) -> Option<String> {
     let of_second = comparison.pairs.iter().filter(|pair| pair.second);
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
     let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();

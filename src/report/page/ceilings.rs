@@ -3,9 +3,9 @@
 use itertools::Itertools;
 
 use super::{Fold, Page, PageSection};
-use crate::ReportView;
-use crate::ceilings::{Bound, are_measured, bounds};
-use crate::document::{self, ColumnKind, Line, Part, Span, Table};
+use crate::Report;
+use crate::ceilings::{BoundStage, are_measured, bounds};
+use crate::document::{self, Block, ColumnKind, Line, Span, Table};
 use crate::format::{percent, si, three};
 use fathom_record::Interval;
 use fathom_record::ceilings::{Basis, Ceiling};
@@ -15,16 +15,16 @@ pub const SECTION: PageSection = PageSection {
     title: "How near to the limits",
     question: "Which stages come near to the adapter's limits?",
     fold: Fold::Folded,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
-fn parts(page: &Page<'_>) -> Vec<Part> {
+fn parts(page: &Page<'_>) -> Vec<Block> {
     let lead = "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small \
                 share means that something else limits the stage, such as arithmetic, latency or work that it does not declare.";
     page.each_run(lead, |run| if are_measured(run.view) { shares(run.view) } else { Vec::new() })
 }
 
-fn shares(view: &ReportView<'_>) -> Vec<Part> {
+fn shares(view: &Report<'_>) -> Vec<Block> {
     let bounds = bounds(view);
     let nearest = || bounds.iter().unique_by(|bound| bound.stage.stage.as_str());
     let timed = view.timed().flat_map(|(_, measured)| &measured.stages);
@@ -36,15 +36,15 @@ fn shares(view: &ReportView<'_>) -> Vec<Part> {
         .with(ColumnKind::Numbers, &columns[1..3])
         .with_rows(nearest().map(row));
     let unknown = (!unknown.is_empty()).then(|| {
-        Part::paragraph(format!(
+        Block::paragraph(format!(
             "Unknown, because no limit bounds what they declare or the clock does not resolve them: {unknown}."
         ))
     });
-    let limits = Part::Fold("The limits".into(), vec![Part::Table(limits(view))]);
-    std::iter::once(Part::Table(table)).chain(unknown).chain([limits]).collect()
+    let limits = Block::Fold("The limits".into(), vec![Block::Table(limits(view))]);
+    std::iter::once(Block::Table(table)).chain(unknown).chain([limits]).collect()
 }
 
-fn row(Bound { cell, stage, share }: &Bound<'_>) -> [Line; 6] {
+fn row(BoundStage { cell, stage, share }: &BoundStage<'_>) -> [Line; 6] {
     let basis = if share.basis == Basis::Counted { "counted" } else { "declared" };
     [
         stage.stage.as_str().into(),
@@ -62,7 +62,7 @@ fn ends(interval: Option<Interval>, text: impl Fn(f64) -> String) -> String {
 }
 
 /// Those of the latest sitting that measured some.
-fn limits(view: &ReportView<'_>) -> Table {
+fn limits(view: &Report<'_>) -> Table {
     let measured = view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
     let columns = ["Limit", "Rate", "(interval)", "n", "2 N / N"];
     let row = |ceiling: &Ceiling| {
@@ -92,7 +92,7 @@ mod tests {
         assert_eq!(written(SECTION.write, &fixtures::run()), "");
         let records = limited();
         let text = written(SECTION.write, &records);
-        let view = ReportView::new(&records, None);
+        let view = Report::new(&records, None);
         let bounds = bounds(&view);
         assert!(bounds.len() > 100 && bounds.is_sorted_by(|a, b| a.share.share >= b.share.share));
         let nearest = bounds[0];

@@ -7,12 +7,12 @@ use maud::{Markup, html};
 
 use super::setting_words;
 use super::{Fold, Page, PageRun, PageSection};
-use crate::Entry;
+use crate::RunCell;
 use crate::cells_csv::percentile;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::{private, text};
 use fathom_experiments::Experiment;
-use fathom_record::command::{OF_CELLS, parted};
+use fathom_record::command::{CELL_OPTIONS, split_options};
 use fathom_record::{Cell, Estimate, Measured, OVER_BUDGET, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection {
@@ -64,15 +64,15 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 /// A cell of a run, and where its samples are in the page's data.
-struct Row<'a> {
+struct CellRow<'a> {
     run: &'a PageRun<'a>,
     experiment: &'a str,
-    entry: &'a Entry<'a>,
+    entry: &'a RunCell<'a>,
     /// The run's place on the page, and the cell's among those that were measured.
     at: Option<[usize; 2]>,
 }
 
-fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
+fn rows<'a>(page: &'a Page<'a>) -> Vec<CellRow<'a>> {
     let mut rows = Vec::new();
     for (place, run) in page.runs.iter().enumerate() {
         let mut measured = 0..;
@@ -80,15 +80,15 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
             rows.extend(section.entries.iter().map(|entry| {
                 let index = entry.cell.measured().and_then(|_| measured.next());
                 let at = index.map(|index| [place, index]);
-                Row { run, experiment: section.id, entry, at }
+                CellRow { run, experiment: section.id, entry, at }
             }));
         }
     }
     rows
 }
 
-fn row(page: &Page<'_>, row: &Row<'_>) -> Markup {
-    let Row { run, experiment, entry, at } = row;
+fn row(page: &Page<'_>, row: &CellRow<'_>) -> Markup {
+    let CellRow { run, experiment, entry, at } = row;
     let cell = entry.cell;
     html! {
         tr data-experiment=(experiment) data-at=[at.map(|[run, cell]| format!("{run} {cell}"))] {
@@ -128,7 +128,7 @@ fn figures(measured: &Measured) -> Markup {
     html! {
         td.number data-v=[finite(median)] {
             (three(median / NS_PER_MS))
-            @if let Some(held) = Throttling::of(&measured.frame.machine) {
+            @if let Some(held) = Throttling::from_states(&measured.frame.machine) {
                 " " span.chip.open title=(format!("Heat or power held the clocks down in {held}")) { "throttled" }
             }
         }
@@ -184,7 +184,7 @@ pub fn command(cell: &Cell, run: Option<&Run>, folder: Option<&Path>) -> String 
     words.extend(["--cell".to_owned(), text::shell(&cell.cell)]);
     if let Some(run) = run {
         words.extend(["--profile".to_owned(), run.profile.to_string()]);
-        let (options, _) = parted(&run.command, &OF_CELLS);
+        let (options, _) = split_options(&run.command, &CELL_OPTIONS);
         words.extend(options.iter().map(|word| text::shell(word)));
     }
     words.join(" ")

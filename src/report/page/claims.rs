@@ -7,11 +7,11 @@ use maud::Markup;
 use super::{Fold, Page, PageSection};
 use crate::Section;
 use crate::charts::strip;
-use crate::claims::{balance, in_words};
-use crate::document::{self, ColumnKind, Line, Part, Span, Table, Tone};
+use crate::claims::{balance, format_settings};
+use crate::document::{self, Block, ColumnKind, Line, Span, Table, Tone};
 use crate::format::three;
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict, Whose};
+use fathom_experiments::{ClaimOrigin, LOOKS, RuledFigure, Ruling, Verdict};
 use fathom_record::{Estimate, Interval};
 
 pub const SECTION: PageSection = PageSection {
@@ -19,21 +19,20 @@ pub const SECTION: PageSection = PageSection {
     title: "Claims",
     question: "Which claims of the papers hold, and by how much do others fail?",
     fold: Fold::Folded,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
 /// Share of the spread of a row's figures that is shown beyond them.
 const ROOM: f64 = 0.25;
 
-/// A claim as each run rules on it.
-struct Row<'a> {
+struct RuledClaim<'a> {
     section: &'a Section<'a>,
     claim: &'a Claim,
     /// By the run's place on the page.
     rulings: Vec<(usize, &'a Ruling)>,
 }
 
-impl Row<'_> {
+impl RuledClaim<'_> {
     /// The worst verdict of all runs.
     fn verdict(&self) -> Verdict {
         let verdicts = self.rulings.iter().map(|(_, ruling)| ruling.verdict);
@@ -47,7 +46,7 @@ impl Row<'_> {
     }
 }
 
-pub fn parts(page: &Page<'_>) -> Vec<Part> {
+pub fn parts(page: &Page<'_>) -> Vec<Block> {
     let mut rows = rows(page);
     if rows.is_empty() {
         return Vec::new();
@@ -63,12 +62,14 @@ pub fn parts(page: &Page<'_>) -> Vec<Part> {
          measured figure, the line its interval, the shaded part the claim's band, and the diamond the published figure."
     );
     let of =
-        |whose| part(page, whose, rows.iter().filter(|row| row.claim.whose() == whose).collect());
-    std::iter::once(Part::paragraph(lead)).chain(Whose::ALL.into_iter().flat_map(of)).collect()
+        |whose| part(page, whose, rows.iter().filter(|row| row.claim.origin() == whose).collect());
+    std::iter::once(Block::paragraph(lead))
+        .chain(ClaimOrigin::ALL.into_iter().flat_map(of))
+        .collect()
 }
 
 /// The papers' claims, or own hypotheses: those that are not supported first.
-fn part(page: &Page<'_>, whose: Whose, rows: Vec<&Row<'_>>) -> Vec<Part> {
+fn part(page: &Page<'_>, whose: ClaimOrigin, rows: Vec<&RuledClaim<'_>>) -> Vec<Block> {
     if rows.is_empty() {
         return Vec::new();
     }
@@ -77,26 +78,28 @@ fn part(page: &Page<'_>, whose: Whose, rows: Vec<&Row<'_>>) -> Vec<Part> {
         _ => None,
     });
     let about = match whose {
-        Whose::Publication => "Each is tested with the method that its paper describes.",
-        Whose::Own => "No paper contains these sentences: this project or a user states them.",
+        ClaimOrigin::Publication => "Each is tested with the method that its paper describes.",
+        ClaimOrigin::Own => {
+            "No paper contains these sentences: this project or a user states them."
+        }
     };
     let title = whose.title();
-    let table = |rows: &[&Row<'_>], words: &str| {
-        Part::Table(table_of(page, rows, &format!("{title} that are {words}")))
+    let table = |rows: &[&RuledClaim<'_>], words: &str| {
+        Block::Table(table_of(page, rows, &format!("{title} that are {words}")))
     };
-    let mut parts = vec![Part::Heading(title.into()), Part::paragraph(about)];
+    let mut parts = vec![Block::Heading(title.into()), Block::paragraph(about)];
     let open = groups.remove(&None).map(|open| table(&open, "not supported"));
     parts.extend(open);
     for verdict in [Verdict::Supported, Verdict::NotRun] {
         let rows = groups.remove(&Some(verdict)).unwrap_or_default();
         let words = format!("{} {whose} {verdict}", rows.len());
         let folded = (!rows.is_empty()).then(|| vec![table(&rows, &verdict.to_string())]);
-        parts.extend(folded.map(|table| Part::Fold(words.into(), table)));
+        parts.extend(folded.map(|table| Block::Fold(words.into(), table)));
     }
     parts
 }
 
-fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Table {
+fn table_of(page: &Page<'_>, rows: &[&RuledClaim<'_>], about: &str) -> Table {
     let columns = [
         "Verdict",
         "Claim",
@@ -115,12 +118,12 @@ fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Table {
 }
 
 /// Claims in the order of their experiments, each once.
-fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
-    let mut rows = IndexMap::<(&str, &str), Row<'_>>::new();
+fn rows<'a>(page: &'a Page<'a>) -> Vec<RuledClaim<'a>> {
+    let mut rows = IndexMap::<(&str, &str), RuledClaim<'_>>::new();
     for (place, run) in page.runs.iter().enumerate() {
         for section in &run.view.sections {
             for (claim, ruling) in section.claims() {
-                let row = rows.entry((section.id, &claim.id)).or_insert_with(|| Row {
+                let row = rows.entry((section.id, &claim.id)).or_insert_with(|| RuledClaim {
                     section,
                     claim,
                     rulings: Vec::new(),
@@ -133,7 +136,7 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
 }
 
 /// A row for each run.
-fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
+fn fields(page: &Page<'_>, row: &RuledClaim<'_>) -> Vec<[Line; 6]> {
     let (claim, ends) = (row.claim, ends(row));
     let of_run = |(index, (place, ruling)): (usize, &(usize, &Ruling))| {
         let mut told = Line::default();
@@ -143,20 +146,20 @@ fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
         if page.is_overlay() {
             told = told.and(Span::Faint(format!(" {}", page.runs[*place].label)));
         }
-        let reason = Part::paragraph(ruling.reason.as_str());
+        let reason = Block::paragraph(ruling.reason.as_str());
         let why = [Some(reason), comparisons(ruling), Some(grounds(claim, ruling))];
-        let why = Part::Fold("why".into(), why.into_iter().flatten().collect());
+        let why = Block::Fold("why".into(), why.into_iter().flatten().collect());
         let [measured, drawn, asked] = match ruling.deciding.first() {
             Some(figure) => {
                 let n = figure.n.map_or_else(String::new, |n| format!(", n = {n}"));
                 let name = Span::Faint(format!(" {}{n}", figure.name));
                 let drawn = Span::Drawn(picture(ends, figure, claim.published));
-                [Line::from(figure.text()).and(name), drawn.into(), figure.asked().into()]
+                [Line::from(figure.text()).and(name), drawn.into(), figure.limits().into()]
             }
             None => [ruling.reason.as_str().into(), Line::default(), "–".into()],
         };
         [
-            ruled(ruling).into(),
+            verdict_mark(ruling).into(),
             told.and(Span::Drawn(document::html(&[why]))),
             measured,
             drawn,
@@ -168,11 +171,11 @@ fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
 }
 
 /// Whose sentence it is, at which sizes it was tested, and what else could make it true.
-fn grounds(claim: &Claim, ruling: &Ruling) -> Part {
+fn grounds(claim: &Claim, ruling: &Ruling) -> Block {
     let rows = [
         ("Source", claim.source.clone()),
         ("Printed", claim.printed.clone()),
-        ("Method", (!claim.method.is_empty()).then(|| in_words(&claim.method))),
+        ("Method", (!claim.method.is_empty()).then(|| format_settings(&claim.method))),
         ("Balance", balance(claim, ruling)),
         ("What else could make it true", Some(claim.otherwise.clone())),
     ];
@@ -180,31 +183,31 @@ fn grounds(claim: &Claim, ruling: &Ruling) -> Part {
         let words = words.filter(|words| !words.is_empty())?;
         Some(Line::from(Span::Faint(format!("{about}: "))).and(words))
     };
-    Part::list(rows.into_iter().filter_map(line))
+    Block::list(rows.into_iter().filter_map(line))
 }
 
 /// Every comparison of a claim that has several.
-fn comparisons(ruling: &Ruling) -> Option<Part> {
+fn comparisons(ruling: &Ruling) -> Option<Block> {
     let all = || ruling.deciding.iter().chain(&ruling.others);
     let columns = ["Verdict", "Comparison", "Measured (interval for the claim)", "Band"];
     let row = |figure: &RuledFigure| -> [Line; 4] {
-        let verdict = Span::Chip(Tone::of(figure.verdict), figure.verdict.to_string());
-        [verdict.into(), figure.name.as_str().into(), figure.text().into(), figure.asked().into()]
+        let verdict = Span::Chip(Tone::from_verdict(figure.verdict), figure.verdict.to_string());
+        [verdict.into(), figure.name.as_str().into(), figure.text().into(), figure.limits().into()]
     };
     let table = || {
         let table = Table::new("Comparisons", columns).with(ColumnKind::Numbers, &columns[2..]);
-        Part::Table(table.with_rows(all().map(row)))
+        Block::Table(table.with_rows(all().map(row)))
     };
     (all().count() > 1).then(table)
 }
 
 /// A verdict, told by a word, a mark and a colour, with its remark.
-pub fn ruled(ruling: &Ruling) -> Span {
-    Span::Chip(Tone::of(ruling.verdict), ruling.marked())
+pub fn verdict_mark(ruling: &Ruling) -> Span {
+    Span::Chip(Tone::from_verdict(ruling.verdict), ruling.marked())
 }
 
 /// Of one axis for a claim's figures of all runs, so that they can be compared by eye.
-fn ends(row: &Row<'_>) -> [f64; 2] {
+fn ends(row: &RuledClaim<'_>) -> [f64; 2] {
     let deciding = row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
     let ends = deciding.flat_map(|deciding| {
         let Interval { low, high } = deciding.interval.unwrap_or(deciding.band);
@@ -221,7 +224,7 @@ fn ends(row: &Row<'_>) -> [f64; 2] {
 fn picture(ends: [f64; 2], deciding: &RuledFigure, published: Option<f64>) -> Markup {
     let RuledFigure { value, interval, band, .. } = *deciding;
     let figure = Estimate { median: value, interval, n: deciding.n.unwrap_or(1) };
-    let tip = format!("{}: {} against {}", deciding.name, deciding.text(), deciding.asked());
+    let tip = format!("{}: {} against {}", deciding.name, deciding.text(), deciding.limits());
     strip(ends, band, &figure, published, &tip)
 }
 

@@ -8,7 +8,7 @@ use flate2::{Compression, GzBuilder};
 use serde::{Serialize, Serializer};
 
 use super::{Page, PageRun};
-use crate::ReportView;
+use crate::Report;
 use crate::format::{NS_PER_MS, three};
 use fathom_base::statistics;
 use fathom_record::Measured;
@@ -17,20 +17,20 @@ use fathom_record::Measured;
 const WRITTEN_AT_ONCE: usize = 1 << 16;
 
 #[derive(Serialize)]
-struct Data<'a> {
+struct PageData<'a> {
     runs: Vec<RunData<'a>>,
 }
 
 #[derive(Serialize)]
 struct RunData<'a> {
     label: &'a str,
-    cells: Cells<'a>,
+    cells: CellRows<'a>,
 }
 
 /// The measured cells of a run, each made when it is written: rows of a table of its frame's and stages' times.
-struct Cells<'a>(&'a ReportView<'a>);
+struct CellRows<'a>(&'a Report<'a>);
 
-impl Serialize for Cells<'_> {
+impl Serialize for CellRows<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(self.0.measured().map(|(_, measured)| rows(measured)))
     }
@@ -66,7 +66,7 @@ fn row(name: &str, samples_ns: &[f64], clock: &str, below_ns: Option<f64>) -> [S
 
 /// JSON, compressed by gzip, as base64. The same records give the same bytes.
 pub fn packed(page: &Page<'_>) -> String {
-    let data = Data { runs: page.runs.iter().map(of_run).collect() };
+    let data = PageData { runs: page.runs.iter().map(run_data).collect() };
     // Without a time in its header.
     let packer = GzBuilder::new().write(Vec::new(), Compression::best());
     let mut packer = BufWriter::with_capacity(WRITTEN_AT_ONCE, packer);
@@ -76,8 +76,8 @@ pub fn packed(page: &Page<'_>) -> String {
     BASE64.encode(packed.expect("a buffer takes all bytes"))
 }
 
-fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
-    RunData { label: &run.label, cells: Cells(run.view) }
+fn run_data<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
+    RunData { label: &run.label, cells: CellRows(run.view) }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! What a frame costs the CPU: encoding, submission, making of pipelines.
 
 use super::{Fold, Page, PageRun, PageSection};
-use crate::document::{self, ColumnKind, Part, Table};
+use crate::document::{self, Block, ColumnKind, Table};
 use crate::format::{NS_PER_MS, interval, three};
 use fathom_base::statistics::Estimate;
 use fathom_record::{Cell, HostCosts};
@@ -12,7 +12,7 @@ pub const SECTION: PageSection = PageSection {
     title: "What it costs the CPU",
     question: "How long does the CPU encode and submit a frame?",
     fold: Fold::Folded,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
 const NS_PER_US: f64 = 1e3;
@@ -26,13 +26,13 @@ fn costs<'a>(run: &PageRun<'a>) -> Vec<(&'a Cell, &'a HostCosts)> {
         .collect()
 }
 
-fn parts(page: &Page<'_>) -> Vec<Part> {
+fn parts(page: &Page<'_>) -> Vec<Block> {
     let lead = "One cell per pipeline. Encoding and submission are CPU time of the thread that does them (on Linux), with the interval at 95 %. \
                 A software driver may do a frame's work within the submission. The driver's cache on disk may know pipelines from earlier runs; \
                 a driver may compile a part of their code in the first frame, which is not in these figures.";
     page.each_run(lead, |run| {
         let costs = costs(run);
-        let table = (!costs.is_empty()).then(|| Part::Table(frames(&costs)));
+        let table = (!costs.is_empty()).then(|| Block::Table(frames(&costs)));
         table.into_iter().chain(costs.iter().map(|(cell, host)| stages(cell, host))).collect()
     })
 }
@@ -61,14 +61,14 @@ fn frames(costs: &[(&Cell, &HostCosts)]) -> Table {
         .with_rows(rows)
 }
 
-fn stages(cell: &Cell, host: &HostCosts) -> Part {
+fn stages(cell: &Cell, host: &HostCosts) -> Block {
     let columns = ["stage", "encode (µs)"];
     let rows = host.stages.iter().map(|stage| [stage.stage.to_string(), spread(&stage.encode)]);
     let table = Table::new("CPU time to encode each stage", columns)
         .with(ColumnKind::Numbers, &columns[1..])
         .with_rows(rows);
     let words = format!("Stages of {}, each encoded alone", cell.pipeline);
-    Part::Fold(words.into(), vec![Part::Table(table)])
+    Block::Fold(words.into(), vec![Block::Table(table)])
 }
 
 /// `12.3 (11.9 – 12.8)`, in microseconds.

@@ -29,8 +29,8 @@ use sha2::{Digest, Sha256};
 
 use super::charts::style;
 use super::colors::StageColors;
-use super::document::{self, Field, Part, Table};
-use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written, sizes};
+use super::document::{self, Block, Field, Table};
+use super::{Artifact, Exporter, Report, RunExporter, RunFormat, SkippedInput, Timing, sizes};
 use fathom_base::{private, text};
 use fathom_record::Run;
 
@@ -41,8 +41,8 @@ pub const EXPORTER: RunExporter = Exporter {
     name: "page",
     about: "one HTML page that shows the whole run",
     file: FILE,
-    written: Written::WithEveryReport,
-    export: OfRun::One(export),
+    written: Timing::WithEveryReport,
+    export: RunFormat::One(export),
 };
 
 const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
@@ -58,10 +58,10 @@ pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
     /// What changed from the first of two runs to the second.
-    pub changes: Option<Vec<Part>>,
+    pub changes: Option<Vec<Block>>,
     /// What a history says, as it stands in its section.
-    pub history: Option<Vec<Part>>,
-    pub left_out: Vec<LeftOut>,
+    pub history: Option<Vec<Block>>,
+    pub left_out: Vec<SkippedInput>,
     /// Of every stage of every run.
     pub colors: StageColors,
 }
@@ -70,17 +70,17 @@ pub struct Page<'a> {
 pub struct ComparisonOnPage {
     /// What was compared.
     pub sides: String,
-    pub parts: Vec<Part>,
+    pub parts: Vec<Block>,
 }
 
 /// A run with the name that tells it from the others of the page.
 pub struct PageRun<'a> {
     pub label: String,
-    pub view: &'a ReportView<'a>,
+    pub view: &'a Report<'a>,
 }
 
 /// Runs with labels that tell them apart: by adapter, else by driver, by version of fathom, or by folder.
-pub fn labelled<'a>(views: &'a [(&Path, ReportView<'a>)]) -> Vec<PageRun<'a>> {
+pub fn labelled<'a>(views: &'a [(&Path, Report<'a>)]) -> Vec<PageRun<'a>> {
     let of = |part: fn(&Run) -> String| -> Vec<String> {
         views.iter().map(|(_, view)| view.run().map_or_else(String::new, part)).collect()
     };
@@ -150,7 +150,9 @@ const SIZES: PageSection = PageSection {
     title: "Sizes",
     question: "What does each size cost, and from which size does a stage dominate?",
     fold: Fold::Open,
-    write: |page| document::of(page.runs.iter().flat_map(|run| sizes::parts(run.view)).collect()),
+    write: |page| {
+        document::html_if_any(page.runs.iter().flat_map(|run| sizes::parts(run.view)).collect())
+    },
 };
 
 /// In the order in which a reader asks.
@@ -212,7 +214,7 @@ impl<'a> Page<'a> {
     }
 
     /// The fields of a row of such a table.
-    fn of_run(
+    fn run_fields(
         &self,
         run: &PageRun<'_>,
         fields: impl IntoIterator<Item = Field>,
@@ -222,22 +224,22 @@ impl<'a> Page<'a> {
     }
 
     /// Some words, and below them what there is of each run.
-    fn each_run(&self, lead: &str, of_run: impl Fn(&PageRun<'_>) -> Vec<Part>) -> Vec<Part> {
+    fn each_run(&self, lead: &str, of_run: impl Fn(&PageRun<'_>) -> Vec<Block>) -> Vec<Block> {
         let runs = self.runs.iter().map(|run| (run, of_run(run)));
         let runs = runs.filter(|(_, parts)| !parts.is_empty());
         let parts = runs.flat_map(|(run, parts)| self.heading(run).into_iter().chain(parts));
         let parts = parts.collect_vec();
-        let lead = (!parts.is_empty()).then(|| Part::paragraph(lead));
+        let lead = (!parts.is_empty()).then(|| Block::paragraph(lead));
         lead.into_iter().chain(parts).collect()
     }
 
     /// Above the part of a run, where there are several.
-    fn heading(&self, run: &PageRun<'_>) -> Option<Part> {
-        self.is_overlay().then(|| Part::Heading(run.label.as_str().into()))
+    fn heading(&self, run: &PageRun<'_>) -> Option<Block> {
+        self.is_overlay().then(|| Block::Heading(run.label.as_str().into()))
     }
 
     pub fn file(&self) -> Artifact {
-        Artifact::of(FILE, self.html())
+        Artifact::new(FILE, self.html())
     }
 
     pub fn html(&self) -> String {
@@ -303,7 +305,7 @@ fn policy(script: &str) -> String {
 }
 
 /// The page of one run.
-fn export(view: &ReportView<'_>) -> String {
+fn export(view: &Report<'_>) -> String {
     let label = view.run().map_or_else(|| "no run".to_owned(), |run| run.adapter.title());
     let runs = if view.runs.is_empty() { Vec::new() } else { vec![PageRun { label, view }] };
     Page { left_out: view.left_out.clone(), ..Page::new(runs) }.html()

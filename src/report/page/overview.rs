@@ -7,12 +7,12 @@ use maud::{Markup, PreEscaped, html};
 use super::{Fold, Page, PageRun, PageSection};
 use crate::ceilings::{are_measured, bounds};
 use crate::charts;
-use crate::document::{self, Line, Part, Span, Table, Tone};
+use crate::document::{self, Block, Line, Span, Table, Tone};
 use crate::facts::{self, SlowStage};
 use crate::format::{NS_PER_MS, percent, three};
 use crate::noise;
-use crate::{LeftOut, ReportView, Section, trust};
-use fathom_experiments::{Ruling, Whose};
+use crate::{Report, Section, SkippedInput, trust};
+use fathom_experiments::{ClaimOrigin, Ruling};
 use fathom_record::{OVER_BUDGET, OutcomeCounts, Run};
 
 pub const SECTION: PageSection = PageSection {
@@ -24,8 +24,8 @@ pub const SECTION: PageSection = PageSection {
 };
 
 /// Lines of a card that has one for each stage, axis or pipeline.
-const MOST_LINES: usize = 5;
-const MOST_PIPELINES: usize = 10;
+const MAX_LINES: usize = 5;
+const MAX_PIPELINES: usize = 10;
 const MOST_PLOTS: usize = 2;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
@@ -33,18 +33,18 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         return None;
     }
     Some(html! {
-        @for run in &page.runs { (of_run(page, run)) }
+        @for run in &page.runs { (run_cards(page, run)) }
         @if !page.left_out.is_empty() {
-            (document::html(&[open("not shown", ""), Part::list(page.left_out.iter().map(LeftOut::line))]))
+            (document::html(&[open("not shown", ""), Block::list(page.left_out.iter().map(SkippedInput::line))]))
         }
     })
 }
 
-fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
+fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     let [trust, others @ ..] = cards(run.view);
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
-        (document::html(&doubts(run.view)))
+        (document::html(&caveats(run.view)))
         (card(&trust, &html! {}))
         div.glance {
             @if !page.is_overlay() { div.drawings { (drawings(page, run.view)) } }
@@ -55,7 +55,7 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
             }
         }
         @if let Some(table) = identity(run.view) {
-            (document::html(&[Part::Fold("Device, program and command".into(), vec![Part::Table(table)])]))
+            (document::html(&[Block::Fold("Device, program and command".into(), vec![Block::Table(table)])]))
         }
     }
 }
@@ -67,15 +67,15 @@ fn card(Card { section, question, parts }: &Card, below: &Markup) -> Markup {
 }
 
 /// A mark for each claim of the papers, which leads to its experiment.
-fn claim_marks(view: &ReportView<'_>) -> Markup {
+fn claim_marks(view: &Report<'_>) -> Markup {
     let claims = view.sections.iter().flat_map(|section| {
-        let of_papers = |ruling: &&Ruling| ruling.whose == Whose::Publication;
+        let of_papers = |ruling: &&Ruling| ruling.origin == ClaimOrigin::Publication;
         section.rulings().iter().filter(of_papers).map(|ruling| (section.id, ruling))
     });
     html! {
         p.marks {
             @for (id, ruling) in claims.sorted_by_key(|(_, ruling)| std::cmp::Reverse(ruling.verdict)) {
-                @let tone = Tone::of(ruling.verdict);
+                @let tone = Tone::from_verdict(ruling.verdict);
                 a.(tone.class()) href={ "#plot-" (id) } title={ (ruling.verdict) ": " (ruling.text) " (" (id) ")" } { (tone.mark()) }
             }
         }
@@ -83,7 +83,7 @@ fn claim_marks(view: &ReportView<'_>) -> Markup {
 }
 
 /// The stages of each pipeline, and the plots of the exponents over the widest ranges, those of one group of cells first.
-fn drawings(page: &Page<'_>, view: &ReportView<'_>) -> Markup {
+fn drawings(page: &Page<'_>, view: &Report<'_>) -> Markup {
     let alone = facts::growth(view).sorted_by_key(|exponent| !exponent.group.is_empty());
     let grown = alone.unique_by(|exponent| exponent.section.id);
     let plots = grown.filter_map(|one| charts::one_plot(one.section, one.plot));
@@ -91,13 +91,13 @@ fn drawings(page: &Page<'_>, view: &ReportView<'_>) -> Markup {
     html! { @for svg in drawn { div.scroll { (PreEscaped(svg)) } } }
 }
 
-fn open(word: &str, words: &str) -> Part {
+fn open(word: &str, words: &str) -> Block {
     let chip = Span::Chip(Tone::Open, word.to_owned());
-    Part::paragraph(Line::from(chip).and(format!(": {words}")))
+    Block::paragraph(Line::from(chip).and(format!(": {words}")))
 }
 
 /// What a reader must know before any figure.
-pub fn doubts(view: &ReportView<'_>) -> Vec<Part> {
+pub fn caveats(view: &Report<'_>) -> Vec<Block> {
     let mut doubts = Vec::new();
     if view.run().is_some_and(|run| run.adapter.software) {
         let words = "Absolute times and frame rates say little about a GPU; ratios, exponents and shares are what to read.";
@@ -109,7 +109,7 @@ pub fn doubts(view: &ReportView<'_>) -> Vec<Part> {
         let words = format!("shard {} {words}", absent.iter().join(", "));
         doubts.push(open("part of a run", &words));
     }
-    doubts.extend(facts::still_open(view).into_iter().map(|words| open("open", &words)));
+    doubts.extend(facts::open_items(view).into_iter().map(|words| open("open", &words)));
     doubts.extend(facts::mixed(view).map(|words| open("several runs", &words)));
     doubts
 }
@@ -118,10 +118,10 @@ pub fn doubts(view: &ReportView<'_>) -> Vec<Part> {
 pub struct Card {
     section: &'static str,
     pub question: &'static str,
-    pub parts: Vec<Part>,
+    pub parts: Vec<Block>,
 }
 
-pub fn cards(view: &ReportView<'_>) -> [Card; 5] {
+pub fn cards(view: &Report<'_>) -> [Card; 5] {
     let card = |section, question, parts| Card { section, question, parts };
     [
         card("trust", "Can it be trusted?", how_far(view)),
@@ -141,7 +141,7 @@ pub fn cards(view: &ReportView<'_>) -> [Card; 5] {
 }
 
 /// In a few lines, for the terminal: the verdict on the run, the tally of verdicts and the slowest stages.
-pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
+pub fn terminal_summary(view: &Report<'_>) -> Vec<String> {
     let claims = tallies(view).map(|(whose, tally)| format!("{whose}: {tally}"));
     let slowest = slowest(view).join("; ");
     let slowest =
@@ -150,38 +150,38 @@ pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
     of_run.into_iter().chain(claims).chain(slowest).collect()
 }
 
-fn list(above: &str, none: &str, lines: Vec<String>) -> Vec<Part> {
+fn list(above: &str, none: &str, lines: Vec<String>) -> Vec<Block> {
     if lines.is_empty() {
-        return vec![Part::paragraph(none)];
+        return vec![Block::paragraph(none)];
     }
-    vec![Part::paragraph(above), Part::list(lines)]
+    vec![Block::paragraph(above), Block::list(lines)]
 }
 
 /// Whether the machine was quiet enough, by what that is judged, and what to do; then the clocks.
-fn how_far(view: &ReportView<'_>) -> Vec<Part> {
+fn how_far(view: &Report<'_>) -> Vec<Block> {
     let verdict = view.verdict.as_ref();
     let tone = verdict.map_or(Tone::Neutral, noise::tone);
     let lines = verdict.into_iter().flat_map(noise::lines).enumerate().map(|(index, line)| {
         if index == 0 { Span::Chip(tone, line).into() } else { Line::from(line) }
     });
     let clocks = trust::worst(view).map(|run| trust::verdict(run).into());
-    lines.chain(clocks).map(Part::Paragraph).collect()
+    lines.chain(clocks).map(Block::Paragraph).collect()
 }
 
-fn verdicts(view: &ReportView<'_>) -> Vec<Part> {
+fn verdicts(view: &Report<'_>) -> Vec<Block> {
     let tallies = tallies(view).map(|(whose, tally)| {
-        Part::Paragraph(Line::from(Span::Bold(whose.to_string())).and(format!(": {tally}")))
+        Block::Paragraph(Line::from(Span::Bold(whose.to_string())).and(format!(": {tally}")))
     });
-    tallies.chain(facts::claims_finding(view).map(Part::paragraph)).collect()
+    tallies.chain(facts::claims_finding(view).map(Block::paragraph)).collect()
 }
 
 /// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96; 30 (our bound)`
-fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, String)> {
+fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
     facts::tallies(view).map(|(whose, counts)| {
         let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
         let all: usize = counts.iter().map(|(_, count)| count).sum();
         let rulings = view.sections.iter().flat_map(Section::rulings);
-        let marks = rulings.filter(|ruling| ruling.whose == whose).map(Ruling::mark).counts();
+        let marks = rulings.filter(|ruling| ruling.origin == whose).map(Ruling::mark).counts();
         let marks = marks.into_iter().filter(|(mark, _)| !mark.is_empty()).sorted();
         let marks = marks.map(|(mark, count)| format!("; {count}{mark}")).join("");
         (whose, format!("{each}, of {all}{marks}"))
@@ -189,28 +189,28 @@ fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, String)> {
 }
 
 /// `underwater: caustics/splat 41 % (39 – 43), 12.3 ms`
-fn slowest(view: &ReportView<'_>) -> Vec<String> {
+fn slowest(view: &Report<'_>) -> Vec<String> {
     let line = |SlowStage { frame, stage }: SlowStage<'_>| {
         let ms = three(stage.stage.time.median / NS_PER_MS);
         let share = facts::share(&stage.share);
         format!("{}: {} {share}, {ms} ms", frame.cell.pipeline, stage.stage.stage)
     };
-    facts::slowest_stages(view).take(MOST_PIPELINES).map(line).collect()
+    facts::slowest_stages(view).take(MAX_PIPELINES).map(line).collect()
 }
 
-fn growth(view: &ReportView<'_>) -> Vec<Part> {
-    let exponents = facts::growth(view).unique_by(|one| one.y_title()).take(MOST_LINES);
+fn growth(view: &Report<'_>) -> Vec<Block> {
+    let exponents = facts::growth(view).unique_by(|one| one.y_title()).take(MAX_LINES);
     let lines = exponents.map(|exponent| {
-        let over = facts::times_over(exponent.fit.range);
+        let over = facts::factor_words(exponent.fit.range);
         let [y, x] = [exponent.y_title(), exponent.x_title()];
         format!("{y} {} with {x}, over {over}", exponent.text())
     });
     list("Exponents over the widest ranges:", "No exponent was fitted.", lines.collect())
 }
 
-fn limits(view: &ReportView<'_>) -> Vec<Part> {
+fn limits(view: &Report<'_>) -> Vec<Block> {
     let bounds = bounds(view);
-    let nearest = bounds.iter().unique_by(|bound| &bound.stage.stage).take(MOST_LINES);
+    let nearest = bounds.iter().unique_by(|bound| &bound.stage.stage).take(MAX_LINES);
     let lines = nearest.map(|bound| {
         let share = percent(bound.share.share);
         format!("{} {share} of {}", bound.stage.stage, bound.share.limit.name())
@@ -220,7 +220,7 @@ fn limits(view: &ReportView<'_>) -> Vec<Part> {
 }
 
 /// What was run where, and what its records hold.
-pub fn identity(view: &ReportView<'_>) -> Option<Table> {
+pub fn identity(view: &Report<'_>) -> Option<Table> {
     let run = view.run()?;
     let adapter = &run.adapter;
     let kind = if adapter.software { "software driver" } else { "hardware" };
@@ -242,8 +242,8 @@ pub fn identity(view: &ReportView<'_>) -> Option<Table> {
     Some(Table::new("The run", ["", ""]).with_rows(rows))
 }
 
-fn outcomes(view: &ReportView<'_>) -> String {
+fn outcomes(view: &Report<'_>) -> String {
     let OutcomeCounts { measured, skipped, failed, over_budget } =
-        OutcomeCounts::of(view.entries().map(|entry| entry.cell));
+        OutcomeCounts::count(view.entries().map(|entry| entry.cell));
     format!("{measured} measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}")
 }

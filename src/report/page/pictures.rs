@@ -8,9 +8,9 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use self::embed::{Embedded, Embedder};
-use super::{Fold, LeftOut, Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection, SkippedInput};
 use crate::Section;
-use crate::document::{self, Part};
+use crate::document::{self, Block};
 use crate::format::three;
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, label_text};
@@ -28,33 +28,33 @@ pub const SECTION: PageSection = PageSection {
 const OPEN_PICTURES: usize = 4;
 
 /// Pictures that are not shown and are named.
-const MOST_NAMED: usize = 50;
+const MAX_NAMED: usize = 50;
 
-/// A picture in the page, and the cell that it is of.
-struct Shown<'p> {
+struct PagePicture<'p> {
     cell: &'p Cell,
     picture: &'p Picture,
     embedded: Embedded,
 }
 
 /// The pictures of an experiment of a run, in the order of its plan.
-struct Group<'p> {
+struct PictureGroup<'p> {
     run: &'p PageRun<'p>,
     section: &'p Section<'p>,
-    shown: Vec<Shown<'p>>,
+    shown: Vec<PagePicture<'p>>,
 }
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     let mut embedder = Embedder::default();
     let mut left_out = Vec::new();
     let parts = page.runs.iter().flat_map(|run| run.view.sections.iter().map(move |s| (run, s)));
-    let groups: Vec<Group<'_>> =
+    let groups: Vec<PictureGroup<'_>> =
         parts.map(|(run, section)| group(run, section, &mut embedder, &mut left_out)).collect();
-    let groups: Vec<&Group<'_>> = groups.iter().filter(|group| !group.shown.is_empty()).collect();
+    let groups: Vec<&PictureGroup<'_>> =
+        groups.iter().filter(|group| !group.shown.is_empty()).collect();
     if groups.is_empty() && left_out.is_empty() {
         return None;
     }
-    let (several, single): (Vec<&Group<'_>>, Vec<&Group<'_>>) =
+    let (several, single): (Vec<&PictureGroup<'_>>, Vec<&PictureGroup<'_>>) =
         groups.into_iter().partition(|group| group.shown.len() > 1);
     Some(html! {
         p.lead {
@@ -72,22 +72,22 @@ fn group<'p>(
     run: &'p PageRun<'p>,
     section: &'p Section<'p>,
     embedder: &mut Embedder,
-    left_out: &mut Vec<LeftOut>,
-) -> Group<'p> {
+    left_out: &mut Vec<SkippedInput>,
+) -> PictureGroup<'p> {
     let mut shown = Vec::new();
-    let Some(folder) = &run.view.folder else { return Group { run, section, shown } };
+    let Some(folder) = &run.view.folder else { return PictureGroup { run, section, shown } };
     for (cell, measured) in section.measured() {
         for picture in &measured.pictures {
             match embedder.embed(folder, picture) {
-                Ok(embedded) => shown.push(Shown { cell, picture, embedded }),
-                Err(reason) => left_out.push(LeftOut { what: picture.path.clone(), reason }),
+                Ok(embedded) => shown.push(PagePicture { cell, picture, embedded }),
+                Err(reason) => left_out.push(SkippedInput { what: picture.path.clone(), reason }),
             }
         }
     }
-    Group { run, section, shown }
+    PictureGroup { run, section, shown }
 }
 
-fn several_pictures(page: &Page<'_>, group: &Group<'_>) -> Markup {
+fn several_pictures(page: &Page<'_>, group: &PictureGroup<'_>) -> Markup {
     let differing = differing(&group.shown);
     html! {
         details.pictures open[group.shown.len() <= OPEN_PICTURES] {
@@ -106,7 +106,7 @@ fn several_pictures(page: &Page<'_>, group: &Group<'_>) -> Markup {
 }
 
 /// Experiments of one picture, together.
-fn single_pictures(page: &Page<'_>, groups: &[&Group<'_>]) -> Markup {
+fn single_pictures(page: &Page<'_>, groups: &[&PictureGroup<'_>]) -> Markup {
     html! {
         h3 { "Experiments with one picture" }
         div.grid {
@@ -119,16 +119,16 @@ fn single_pictures(page: &Page<'_>, groups: &[&Group<'_>]) -> Markup {
     }
 }
 
-fn single_caption(page: &Page<'_>, group: &Group<'_>, shown: &Shown<'_>) -> String {
+fn single_caption(page: &Page<'_>, group: &PictureGroup<'_>, shown: &PagePicture<'_>) -> String {
     let run = if page.is_overlay() { format!("{}, ", group.run.label) } else { String::new() };
     format!(
         "{run}{}: {}",
         group.section.id,
-        of_axes(group.section.experiment.as_ref(), shown.cell, |_| true)
+        axes(group.section.experiment.as_ref(), shown.cell, |_| true)
     )
 }
 
-fn figure(shown: &Shown<'_>, caption: &str) -> Markup {
+fn figure(shown: &PagePicture<'_>, caption: &str) -> Markup {
     let Embedded { uri, shown_px, .. } = &shown.embedded;
     html! {
         figure {
@@ -143,7 +143,7 @@ fn figure(shown: &Shown<'_>, caption: &str) -> Markup {
 }
 
 /// Axes whose values differ among the pictures.
-fn differing<'p>(shown: &[Shown<'p>]) -> BTreeSet<&'p str> {
+fn differing<'p>(shown: &[PagePicture<'p>]) -> BTreeSet<&'p str> {
     let names = shown.iter().flat_map(|one| one.cell.axes.keys().map(String::as_str));
     let values = |name: &str| shown.iter().map(|one| one.cell.axes.get(name)).collect::<Vec<_>>();
     let differs = |name: &&str| values(name).windows(2).any(|pair| pair[0] != pair[1]);
@@ -152,11 +152,11 @@ fn differing<'p>(shown: &[Shown<'p>]) -> BTreeSet<&'p str> {
 
 fn caption(
     experiment: Option<&Experiment>,
-    shown: &Shown<'_>,
+    shown: &PagePicture<'_>,
     differing: &BTreeSet<&str>,
 ) -> String {
     let is_told = |name: &str| differing.is_empty() || differing.contains(name);
-    let axes = of_axes(experiment, shown.cell, is_told);
+    let axes = axes(experiment, shown.cell, is_told);
     match shown.picture.shows {
         PictureKind::Image => axes,
         PictureKind::Error => format!("Error, {axes}"),
@@ -164,7 +164,7 @@ fn caption(
 }
 
 /// Values of the cell's axes in words; the cell's name where there are none.
-fn of_axes(experiment: Option<&Experiment>, cell: &Cell, is_told: impl Fn(&str) -> bool) -> String {
+fn axes(experiment: Option<&Experiment>, cell: &Cell, is_told: impl Fn(&str) -> bool) -> String {
     let told = cell.axes.iter().filter(|(name, _)| is_told(name));
     let words: Vec<String> = told
         .map(|(name, value)| format!("{} {}", axis_title(experiment, name), label_text(value)))
@@ -179,7 +179,7 @@ fn axis_title(experiment: Option<&Experiment>, name: &str) -> String {
 }
 
 /// Size of the picture, of the viewport where that differs, and of what the page shows where that is smaller.
-fn size(shown: &Shown<'_>) -> String {
+fn size(shown: &PagePicture<'_>) -> String {
     let px = |[width, height]: [u32; 2]| format!("{width} × {height} px");
     let Embedded { own_px, shown_px, .. } = &shown.embedded;
     let side = |name| shown.cell.params.lookup(name).and_then(Value::as_u64);
@@ -219,13 +219,13 @@ fn scale(picture: &Picture) -> Option<String> {
     }
 }
 
-fn missing(left_out: &[LeftOut]) -> Markup {
+fn missing(left_out: &[SkippedInput]) -> Markup {
     let words = if left_out.len() == 1 { "picture is" } else { "pictures are" };
-    let more = left_out.len().saturating_sub(MOST_NAMED);
-    let named = left_out.iter().take(MOST_NAMED).map(LeftOut::line);
-    let list = Part::list(named.chain((more > 0).then(|| format!("and {more} more"))));
+    let more = left_out.len().saturating_sub(MAX_NAMED);
+    let named = left_out.iter().take(MAX_NAMED).map(SkippedInput::line);
+    let list = Block::list(named.chain((more > 0).then(|| format!("and {more} more"))));
     let words = format!("{} {words} not shown", left_out.len());
-    document::html(&[Part::Fold(words.into(), vec![list])])
+    document::html(&[Block::Fold(words.into(), vec![list])])
 }
 
 #[cfg(test)]

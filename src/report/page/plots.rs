@@ -2,9 +2,9 @@
 
 use indexmap::{IndexMap, IndexSet};
 
-use super::claims::ruled;
+use super::claims::verdict_mark;
 use super::{Fold, Page, PageRun, PageSection};
-use crate::document::{self, Line, Part, Span, Tone};
+use crate::document::{self, Block, Line, Span, Tone};
 use crate::{Section, charts};
 use fathom_record::NoteKind;
 use strum::EnumMessage as _;
@@ -14,18 +14,18 @@ pub const SECTION: PageSection = PageSection {
     title: "Experiments",
     question: "What was each experiment, with its plot and its notes?",
     fold: Fold::Listed,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
-fn parts<'p>(page: &'p Page<'p>) -> Vec<Part> {
+fn parts<'p>(page: &'p Page<'p>) -> Vec<Block> {
     let sections = page.runs.iter().flat_map(|run| &run.view.sections);
     let ids: IndexSet<&str> = sections.map(|section| section.id).collect();
     let lead = "What was done in each experiment, after which publication, with its plot. Intervals in plots are of 95 %; those of claims are wider.";
-    let lead = (!ids.is_empty()).then(|| Part::paragraph(lead));
+    let lead = (!ids.is_empty()).then(|| Block::paragraph(lead));
     lead.into_iter().chain(ids.into_iter().map(|id| experiment(page, id))).collect()
 }
 
-fn experiment<'p>(page: &'p Page<'p>, id: &str) -> Part {
+fn experiment<'p>(page: &'p Page<'p>, id: &str) -> Block {
     let of_run = |run: &'p PageRun<'p>| {
         Some((run, run.view.sections.iter().find(|section| section.id == id)?))
     };
@@ -37,14 +37,14 @@ fn experiment<'p>(page: &'p Page<'p>, id: &str) -> Part {
     if let Some(definition) = definition {
         parts.push(faint(format!("Source: {}", definition.source)));
         let about = definition.about.split("\n\n").filter(|text| !text.is_empty());
-        parts.extend(about.map(Part::paragraph));
+        parts.extend(about.map(Block::paragraph));
     }
     for (run, section) in of_runs {
         summary.0.extend(tally(section));
         parts.extend(page.heading(run));
         parts.extend(outcome(page, section));
     }
-    Part::Topic(format!("plot-{id}"), summary, parts)
+    Block::Topic(format!("plot-{id}"), summary, parts)
 }
 
 /// How many claims have each verdict.
@@ -53,25 +53,25 @@ fn tally(section: &Section<'_>) -> Vec<Span> {
     let mut counts: Vec<_> = verdicts.collect();
     counts.sort_unstable();
     let same = counts.chunk_by(|a, b| a == b).flat_map(|same| {
-        let chip = Span::Chip(Tone::of(same[0]), same[0].to_string());
+        let chip = Span::Chip(Tone::from_verdict(same[0]), same[0].to_string());
         [Span::Words(" ".to_owned()), chip, Span::Words(format!(" × {}", same.len()))]
     });
     same.collect()
 }
 
-fn outcome(page: &Page<'_>, section: &Section<'_>) -> Vec<Part> {
+fn outcome(page: &Page<'_>, section: &Section<'_>) -> Vec<Block> {
     let problem = section.problem.iter().map(|problem| {
         let chip = Span::Chip(Tone::Open, "no claims and plots".to_owned());
-        Part::paragraph(Line::from(chip).and(format!(": {problem}")))
+        Block::paragraph(Line::from(chip).and(format!(": {problem}")))
     });
-    let claim = |ruling| Line::from(ruled(ruling)).and(format!(" {}", ruling.text));
-    let mut parts: Vec<Part> = problem.collect();
-    parts.push(Part::list(section.rulings().iter().map(claim)));
+    let claim = |ruling| Line::from(verdict_mark(ruling)).and(format!(" {}", ruling.text));
+    let mut parts: Vec<Block> = problem.collect();
+    parts.push(Block::list(section.rulings().iter().map(claim)));
     if let Some(svg) = &section.figure().svg {
-        parts.push(Part::Chart(svg.clone()));
+        parts.push(Block::Chart(svg.clone()));
         let file = || {
             let (words, to) = ("The plot as a file".to_owned(), charts::file_name(section));
-            Part::paragraph(Span::Link { words, to })
+            Block::paragraph(Span::Link { words, to })
         };
         parts.extend((!page.is_overlay()).then(file));
     }
@@ -83,12 +83,12 @@ fn outcome(page: &Page<'_>, section: &Section<'_>) -> Vec<Part> {
     parts
 }
 
-fn faint(words: String) -> Part {
-    Part::paragraph(Span::Faint(words))
+fn faint(words: String) -> Block {
+    Block::paragraph(Span::Faint(words))
 }
 
 /// Each kind of note is told once, with the cells that have it folded away.
-fn notes(section: &Section<'_>) -> Vec<Part> {
+fn notes(section: &Section<'_>) -> Vec<Block> {
     let mut kinds = IndexMap::<NoteKind, Vec<String>>::new();
     for (cell, measured) in section.measured() {
         for note in &measured.notes {
@@ -98,7 +98,7 @@ fn notes(section: &Section<'_>) -> Vec<Part> {
     let fold = |(kind, of_cells): (NoteKind, Vec<String>)| {
         let about = kind.get_documentation().unwrap_or_default();
         let words = format!("{}: {about}", counted(of_cells.len()));
-        Part::Fold(words.into(), vec![Part::list(of_cells)])
+        Block::Fold(words.into(), vec![Block::list(of_cells)])
     };
     let frames: u32 = section.measured().map(|(_, measured)| measured.rejected_frames()).sum();
     let rejected = format!("{frames} timed frames were rejected; “Trust” lists the reasons.");

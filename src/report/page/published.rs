@@ -8,9 +8,9 @@ use serde_json::Value;
 use super::setting_words;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::Section;
-use crate::document::{self, ColumnKind, Field, Line, Part, Span, Table};
+use crate::document::{self, Block, ColumnKind, Field, Line, Span, Table};
 use crate::format::three;
-use fathom_experiments::schema::{Comparison, Published};
+use fathom_experiments::schema::{Published, Relation};
 use fathom_experiments::{fits, flatten, fps};
 use fathom_record::Estimate;
 
@@ -19,7 +19,7 @@ pub const SECTION: PageSection = PageSection {
     title: "Published figures",
     question: "How do measured ratios compare with those of the papers?",
     fold: Fold::Folded,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
 /// A published figure and the measured one.
@@ -33,7 +33,7 @@ struct Pair {
     what: String,
 }
 
-fn parts(page: &Page<'_>) -> Vec<Part> {
+fn parts(page: &Page<'_>) -> Vec<Block> {
     let of_runs = |pairs: fn(usize, &PageRun<'_>) -> Vec<Pair>| -> Vec<Pair> {
         page.runs.iter().enumerate().flat_map(|(place, run)| pairs(place, run)).collect()
     };
@@ -47,15 +47,15 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
     } else {
         "The last column is 1 where a figure agrees with the publication. Intervals stand in brackets."
     };
-    let mut parts = vec![Part::paragraph(lead)];
+    let mut parts = vec![Block::paragraph(lead)];
     for (about, pairs) in [
         ("Published and measured ratios", ratios),
         ("Published and measured frames per second", rates),
     ] {
         if !pairs.is_empty() {
             parts.extend([
-                Part::Heading(about.into()),
-                Part::Table(pairs_table(page, about, &pairs)),
+                Block::Heading(about.into()),
+                Block::Table(pairs_table(page, about, &pairs)),
             ]);
         }
     }
@@ -68,31 +68,31 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
 /// Ratios between published frame rates hold on any device.
 fn ratios(place: usize, run: &PageRun<'_>) -> Vec<Pair> {
     let sections = run.view.sections.iter();
-    sections.flat_map(|section| of_rates(place, section)).collect()
+    sections.flat_map(|section| rate_pairs(place, section)).collect()
 }
 
 /// A published frame rate, and the frame time of the first cell of its size that was timed.
 #[derive(Clone, Copy)]
-struct Matched<'p> {
+struct MatchedCell<'p> {
     published: &'p Published,
     frame: &'p Estimate,
 }
 
-fn matched<'p>(section: &'p Section<'_>) -> Vec<Matched<'p>> {
+fn matched<'p>(section: &'p Section<'_>) -> Vec<MatchedCell<'p>> {
     let published = section.experiment.iter().flat_map(|experiment| &experiment.published);
     let with_cell = published.filter_map(|published| {
         let (_, measured) = section.timed().find(|(cell, _)| fits(cell, &published.filter))?;
-        Some(Matched { published, frame: &measured.frame.untimed })
+        Some(MatchedCell { published, frame: &measured.frame.untimed })
     });
     with_cell.collect()
 }
 
 /// Each published frame rate over the latest one before it that differs in a single condition, such as the method. Bounds and
 /// ranges have no ratio.
-fn of_rates(run: usize, section: &Section<'_>) -> Vec<Pair> {
-    let is_stated = |one: &Matched<'_>| one.published.comparison == Comparison::About;
-    let stated: Vec<Matched<'_>> = matched(section).into_iter().filter(is_stated).collect();
-    let pair = |(place, one): (usize, &Matched<'_>)| {
+fn rate_pairs(run: usize, section: &Section<'_>) -> Vec<Pair> {
+    let is_stated = |one: &MatchedCell<'_>| one.published.comparison == Relation::About;
+    let stated: Vec<MatchedCell<'_>> = matched(section).into_iter().filter(is_stated).collect();
+    let pair = |(place, one): (usize, &MatchedCell<'_>)| {
         let mut before = stated[..place].iter().rev();
         let base = before.find(|base| differing(one.published, base.published) == 1)?;
         Some(ratio(run, section.id, one, base))
@@ -114,11 +114,12 @@ fn differing(one: &Published, other: &Published) -> usize {
     split(one, other)[0].len().max(split(other, one)[0].len())
 }
 
-fn ratio(run: usize, experiment: &str, one: &Matched<'_>, base: &Matched<'_>) -> Pair {
+fn ratio(run: usize, experiment: &str, one: &MatchedCell<'_>, base: &MatchedCell<'_>) -> Pair {
     let ([low, high], [base_low, base_high]) = (one.frame.ends(), base.frame.ends());
     let [own, shared] = split(one.published, base.published);
     let [of_base, _] = split(base.published, one.published);
-    let [own, of_base, shared] = [own, of_base, shared].map(|conditions| in_words(&conditions));
+    let [own, of_base, shared] =
+        [own, of_base, shared].map(|conditions| format_conditions(&conditions));
     let what = format!("{experiment}: frame rate of {own} over that of {of_base} ({shared})");
     Pair {
         run,
@@ -133,7 +134,7 @@ fn ratio(run: usize, experiment: &str, one: &Matched<'_>, base: &Matched<'_>) ->
 fn rates(run: usize, on_page: &PageRun<'_>) -> Vec<Pair> {
     let sections = on_page.view.sections.iter().filter(|section| !section.software());
     let pairs = sections.flat_map(|section| {
-        matched(section).into_iter().map(move |Matched { published, frame }| {
+        matched(section).into_iter().map(move |MatchedCell { published, frame }| {
             let rate = fps(frame);
             let what =
                 format!("{}: {} fps ({})", section.id, published.figure(), conditions(published));
@@ -145,10 +146,10 @@ fn rates(run: usize, on_page: &PageRun<'_>) -> Vec<Pair> {
 
 /// Where a published figure holds, in words: `scene: tank, width of the picture 800 px`.
 fn conditions(published: &Published) -> String {
-    in_words(&flatten(&published.filter))
+    format_conditions(&flatten(&published.filter))
 }
 
-fn in_words(conditions: &[Condition]) -> String {
+fn format_conditions(conditions: &[Condition]) -> String {
     setting_words(conditions.iter().map(|(path, value)| (path, value)))
 }
 
@@ -164,7 +165,7 @@ fn pairs_table(page: &Page<'_>, about: &str, pairs: &[Pair]) -> Table {
             measured.and(Span::Faint(interval.unwrap_or_default())),
             three(pair.measured / pair.published).into(),
         ];
-        page.of_run(&page.runs[pair.run], fields.map(Field::from))
+        page.run_fields(&page.runs[pair.run], fields.map(Field::from))
     });
     page.table(about, &columns)
         .with(ColumnKind::Sentences, &columns[..1])
@@ -174,7 +175,7 @@ fn pairs_table(page: &Page<'_>, about: &str, pairs: &[Pair]) -> Table {
 
 /// A published frame rate and where it holds.
 #[derive(PartialEq, Eq, Hash)]
-struct Listed<'p> {
+struct PublishedRow<'p> {
     experiment: &'p str,
     figure: String,
     conditions: String,
@@ -183,11 +184,11 @@ struct Listed<'p> {
 }
 
 /// All published frame rates of the page's experiments, each once.
-fn listed<'p>(page: &'p Page<'p>) -> IndexSet<Listed<'p>> {
+fn listed<'p>(page: &'p Page<'p>) -> IndexSet<PublishedRow<'p>> {
     let sections = page.runs.iter().flat_map(|run| &run.view.sections);
     let figures = sections.flat_map(|section| {
         let published = section.experiment.iter().flat_map(|experiment| &experiment.published);
-        published.map(|one| Listed {
+        published.map(|one| PublishedRow {
             experiment: section.id,
             figure: one.figure(),
             conditions: conditions(one),
@@ -198,7 +199,7 @@ fn listed<'p>(page: &'p Page<'p>) -> IndexSet<Listed<'p>> {
     figures.collect()
 }
 
-fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Part {
+fn rates_table(page: &Page<'_>, listed: &IndexSet<PublishedRow<'_>>) -> Block {
     let is_software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
     let rows = listed.iter().map(|one| {
         let note = if one.note.is_empty() { String::new() } else { format!("; {}", one.note) };
@@ -211,14 +212,14 @@ fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Part {
         .with(ColumnKind::Sentences, &columns[2..3])
         .with_rows(rows);
     let words = format!("{} published frame rates, each with its hardware", listed.len());
-    let note = is_software.then(|| Part::paragraph("They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none are shown."));
-    Part::Fold(words.into(), note.into_iter().chain([Part::Table(table)]).collect())
+    let note = is_software.then(|| Block::paragraph("They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none are shown."));
+    Block::Fold(words.into(), note.into_iter().chain([Block::Table(table)]).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ReportView;
+    use crate::Report;
     use crate::testing;
     use fathom_experiments::fixtures;
     use fathom_record::{Profile, Record};
@@ -235,7 +236,7 @@ mod tests {
     }
 
     fn with_page<T>(records: &[Record], read: impl Fn(&Page<'_>) -> T) -> T {
-        read(&testing::page(&[&ReportView::new(records, None)]))
+        read(&testing::page(&[&Report::new(records, None)]))
     }
 
     fn section<'p>(page: &'p Page<'p>, id: &str) -> &'p Section<'p> {
@@ -260,7 +261,7 @@ mod tests {
     fn ratios_of_published_rates_are_those_of_the_measured_cells() {
         with_page(&records(true), |page| {
             let section = section(page, "spt-refraction");
-            let (pairs, all) = (of_rates(0, section), matched(section));
+            let (pairs, all) = (rate_pairs(0, section), matched(section));
             // The teapot in the larger viewport, traced, differs in both sides from all before.
             assert!(pairs.len() + 2 == all.len() && pairs.len() >= 8, "{}", pairs.len());
             let (trace, two_interface) = (all[0], all[1]);
@@ -277,7 +278,7 @@ mod tests {
         with_page(&records(true), |page| {
             let section = section(page, "uw-photons");
             assert!(matched(section).len() >= 2);
-            assert_eq!(of_rates(0, section).len(), 0);
+            assert_eq!(rate_pairs(0, section).len(), 0);
         });
     }
 

@@ -1,7 +1,7 @@
 //! How times and errors grow: the fitted exponents. The plots that they were fitted in stand with their experiments.
 
 use super::{Fold, Page, PageSection};
-use crate::document::{self, ColumnKind, Field, Line, Part};
+use crate::document::{self, Block, ColumnKind, Field, Line};
 use crate::facts;
 use crate::format::si;
 
@@ -10,10 +10,10 @@ pub const SECTION: PageSection = PageSection {
     title: "How it scales",
     question: "With which exponent does a stage grow, and how certain is that?",
     fold: Fold::Folded,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
-pub fn parts(page: &Page<'_>) -> Vec<Part> {
+pub fn parts(page: &Page<'_>) -> Vec<Block> {
     let columns = ["Plot", "What", "Over", "Exponent (interval)", "Range", "Cells"];
     let mut table = page.table("Exponents", &columns);
     table = table.with(ColumnKind::Numbers, &columns[3..]).with_class("sortable");
@@ -30,7 +30,7 @@ pub fn parts(page: &Page<'_>) -> Vec<Part> {
                 format!("{} – {}", si(fit.range.0), si(fit.range.1)).into(),
                 fit.slope.n.to_string().into(),
             ];
-            page.of_run(run, fields)
+            page.run_fields(run, fields)
         }));
     }
     if table.rows.is_empty() {
@@ -39,7 +39,7 @@ pub fn parts(page: &Page<'_>) -> Vec<Part> {
     let about = "Exponents b of y ∝ xᵇ, fitted to the cells whose fixed cost is at most a tenth of the time: 1 is linear. The interval is that of \
                  95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact. Of medians: cells were \
                  measured apart, so medians are fitted, and the interval is by resampling each cell.";
-    vec![Part::paragraph(about), Part::Table(table)]
+    vec![Block::paragraph(about), Block::Table(table)]
 }
 
 #[cfg(test)]

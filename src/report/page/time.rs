@@ -5,7 +5,7 @@ use maud::html;
 
 use super::{Fold, Page, PageRun, PageSection};
 use crate::charts::shares;
-use crate::document::{self, ColumnKind, Field, Line, Part, Span};
+use crate::document::{self, Block, ColumnKind, Field, Line, Span};
 use crate::facts::{self, Representative, StageShare};
 use crate::format::{self, NS_PER_MS, percent, three};
 use fathom_base::statistics;
@@ -15,7 +15,7 @@ pub const SECTION: PageSection = PageSection {
     title: "Where the time goes",
     question: "Which stage dominates a frame?",
     fold: Fold::Folded,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
 /// Stages below this share of a frame stand in one row.
@@ -24,7 +24,7 @@ const SMALL_SHARE: f64 = 0.04;
 /// A frame as each run that timed it has it.
 type SameFrame<'a> = Vec<(&'a PageRun<'a>, Representative<'a>)>;
 
-pub fn parts(page: &Page<'_>) -> Vec<Part> {
+pub fn parts(page: &Page<'_>) -> Vec<Block> {
     let frames = frames(page);
     if frames.is_empty() {
         return Vec::new();
@@ -33,14 +33,14 @@ pub fn parts(page: &Page<'_>) -> Vec<Part> {
     let table = page.table("Stages of a frame of each pipeline", &columns);
     let table = table.with(ColumnKind::Numbers, &columns[2..4]);
     let rows = frames.iter().flatten().flat_map(|(run, frame)| {
-        rows(page, frame).into_iter().map(move |row| page.of_run(run, row))
+        rows(page, frame).into_iter().map(move |row| page.run_fields(run, row))
     });
     vec![
-        Part::paragraph(
+        Block::paragraph(
             "One frame per pipeline, at the measurable setting closest to the defaults. A share is that of the sum of all stages, by \
              median times, with its 95 % interval. On the page a bar at a glance shows it; a stage below the clock's resolution has no part.",
         ),
-        Part::Table(table.with_rows(rows)),
+        Block::Table(table.with_rows(rows)),
     ]
 }
 
@@ -98,7 +98,7 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
         let ms = three(gaps_ns / NS_PER_MS);
         [Line::default(), "gaps between passes".into(), ms.into(), "–".into(), "–".into()]
     });
-    let rows = long.iter().map(|share| of_stage(page, share)).chain(others).chain(gaps);
+    let rows = long.iter().map(|share| stage_row(page, share)).chain(others).chain(gaps);
     let mut rows: Vec<[Field; 5]> = rows.map(|row| row.map(Field::from)).collect();
     if let Some(first) = rows.first_mut() {
         let cell = frame.cell;
@@ -110,8 +110,8 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
     rows
 }
 
-fn of_stage(page: &Page<'_>, StageShare { stage, share }: &StageShare<'_>) -> [Line; 5] {
-    let color = page.colors.of(&stage.stage).hex();
+fn stage_row(page: &Page<'_>, StageShare { stage, share }: &StageShare<'_>) -> [Line; 5] {
+    let color = page.colors.color(&stage.stage).hex();
     let swatch = html! { span.swatch style={ "background:" (color) } {} };
     [
         Line::default(),

@@ -1,11 +1,11 @@
 //! How far the run can be trusted: its clocks, the cost and precision of its times, and how they moved while it ran.
 
 use super::{Fold, Page, PageSection};
-use crate::ReportView;
+use crate::Report;
 use crate::axis::{Scale, ScaleKind};
 use crate::charts::points::{Point, PointChart, Series};
 use crate::charts::style::{self, Marker};
-use crate::document::{self, ColumnKind, Line, Part, Span, Table, Tone};
+use crate::document::{self, Block, ColumnKind, Line, Span, Table, Tone};
 use crate::facts;
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::noise;
@@ -19,41 +19,41 @@ pub const SECTION: PageSection = PageSection {
     title: "Trust",
     question: "Which clocks were used, how precise are the times, did the machine drift?",
     fold: Fold::Folded,
-    write: |page| document::of(parts(page)),
+    write: |page| document::html_if_any(parts(page)),
 };
 
 const CHART_PX: (u32, u32) = (560, 260);
 /// Spans of time whose samples are a mark.
 const SPANS: usize = 24;
 
-fn parts(page: &Page<'_>) -> Vec<Part> {
+fn parts(page: &Page<'_>) -> Vec<Block> {
     let mut parts = Vec::new();
     for on_page in &page.runs {
         let view = on_page.view;
         let Some(run) = trust::worst(view) else { continue };
         parts.extend(page.heading(on_page));
         let verdict = Line::from(Span::Bold(trust::verdict(run)));
-        parts.push(Part::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
+        parts.push(Block::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
         if view.runs.len() > 1 {
-            parts.push(Part::paragraph(format!(
+            parts.push(Block::paragraph(format!(
                 "The run was measured in {} sessions. The audit and the costs below are those of the session with the least reliable clocks.",
                 view.runs.len()
             )));
-            parts.push(Part::Table(sessions(view)));
+            parts.push(Block::Table(sessions(view)));
         }
         if !run.audit.is_empty() {
             let about =
                 "Each clock compared with the host clock, for a kernel of N and of 2 N work:";
-            parts.extend([Part::paragraph(about), Part::Table(audit(run))]);
+            parts.extend([Block::paragraph(about), Block::Table(audit(run))]);
         }
         parts.extend(over_time(&trust::samples_by_time(view)));
-        parts.push(Part::list(details(view, run)));
+        parts.push(Block::list(details(view, run)));
     }
     parts
 }
 
 /// What each session of a run that was resumed or joined from shards was timed by.
-fn sessions(view: &ReportView<'_>) -> Table {
+fn sessions(view: &Report<'_>) -> Table {
     let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
     let columns = ["Started", "Machine", "Cells", "Clock", "Can it be trusted?"];
     let rows = view.runs.iter().map(|run| {
@@ -97,12 +97,12 @@ fn audit(run: &Run) -> Table {
 }
 
 /// Only timestamps measure the frame apart from its stages.
-fn has_timestamps(view: &ReportView<'_>) -> bool {
+fn has_timestamps(view: &Report<'_>) -> bool {
     view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp))
 }
 
 /// How frame times moved: the median and the middle half of all samples of each span of time, as per cent off the median of their cells.
-fn over_time(samples: &[TimedSample]) -> Vec<Part> {
+fn over_time(samples: &[TimedSample]) -> Vec<Block> {
     let Some(last) = samples.last() else { return Vec::new() };
     let index = |sample: &&TimedSample| {
         ((sample.at_s / last.at_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
@@ -113,7 +113,7 @@ fn over_time(samples: &[TimedSample]) -> Vec<Part> {
         name: String::new(),
         remarks: Vec::new(),
         color: style::color(0),
-        marker: Marker::of(0),
+        marker: Marker::nth(0),
         points,
         is_joined: false,
         fit: None,
@@ -136,7 +136,7 @@ fn over_time(samples: &[TimedSample]) -> Vec<Part> {
          {} samples.",
         samples.len()
     );
-    vec![Part::Chart(svg), Part::paragraph(words)]
+    vec![Block::Chart(svg), Block::paragraph(words)]
 }
 
 /// The samples of a span of time.
@@ -154,7 +154,7 @@ fn point(samples: &[&TimedSample]) -> Point {
     }
 }
 
-fn details(view: &ReportView<'_>, run: &Run) -> Vec<String> {
+fn details(view: &Report<'_>, run: &Run) -> Vec<String> {
     let costs = run.submit_cost_ns.iter();
     let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
     let drift = view.verdict.as_ref().and_then(|verdict| verdict.drift).map(|drift| {
@@ -187,7 +187,7 @@ fn submission(kind: PassKind, ns: f64) -> String {
     format!("{kind} {} ms", three(ns / NS_PER_MS))
 }
 
-fn accounting(view: &ReportView<'_>) -> String {
+fn accounting(view: &Report<'_>) -> String {
     if !has_timestamps(view) {
         return "Stages + gaps against the frame: each pass was submitted and timed alone and the frame is their sum, so the two \
                 cannot differ here."
@@ -203,7 +203,7 @@ fn accounting(view: &ReportView<'_>) -> String {
 }
 
 /// How many timed frames were not used, by reason.
-fn rejected(view: &ReportView<'_>) -> String {
+fn rejected(view: &Report<'_>) -> String {
     let rejected = view.measured().flat_map(|(_, measured)| &measured.rejected);
     let mut reasons: Vec<(&Rejection, u32)> = Vec::new();
     for found in rejected.sorted_by(|a, b| a.rejection.cmp(&b.rejection)) {
@@ -219,7 +219,7 @@ fn rejected(view: &ReportView<'_>) -> String {
     format!("Frames rejected: {words}.")
 }
 
-fn set_up(view: &ReportView<'_>) -> Option<String> {
+fn set_up(view: &Report<'_>) -> Option<String> {
     let wall_s: f64 = view.ends.iter().map(|end| end.measuring_wall_s).sum();
     let set_up_s: f64 = view.ends.iter().map(|end| end.set_up_s).sum();
     view.ends.last()?;

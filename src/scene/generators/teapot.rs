@@ -40,10 +40,10 @@ const TURNED: [[Ring; 4]; 6] = [
 ];
 
 /// Control points across a half of handle or spout: (x, z) of the first two, (x, z) of the last two, and the width w: y is 0, −w, −w, 0.
-type Section = [f64; 5];
+type CrossSection = [f64; 5];
 
 /// The parts with a mirror image at y > 0, from the body outwards.
-const MIRRORED: [[Section; 4]; 4] = [
+const MIRRORED: [[CrossSection; 4]; 4] = [
     // Upper and lower handle.
     [
         [-1.6, 2.025, -1.5, 2.25, 0.3],
@@ -73,7 +73,7 @@ const MIRRORED: [[Section; 4]; 4] = [
 ];
 
 /// A bicubic Bézier patch: rows along v, in each the points along u. ∂u × ∂v points outward.
-struct Patch([[DVec3; 4]; 4]);
+struct BezierPatch([[DVec3; 4]; 4]);
 
 fn teapot(a: &Args) -> Mesh {
     let n = a.count("divisions");
@@ -82,25 +82,26 @@ fn teapot(a: &Args) -> Mesh {
     merged(patches().map(|patch| patch.mesh(n))).transformed(&(size * upright))
 }
 
-fn patches() -> impl Iterator<Item = Patch> {
-    let quarters = iproduct!(TURNED, 0..4).map(|(rings, k)| Patch::quarter(&rings, k));
-    let halves = iproduct!(MIRRORED, [false, true]).map(|(part, image)| Patch::half(&part, image));
+fn patches() -> impl Iterator<Item = BezierPatch> {
+    let quarters = iproduct!(TURNED, 0..4).map(|(rings, k)| BezierPatch::quarter(&rings, k));
+    let halves =
+        iproduct!(MIRRORED, [false, true]).map(|(part, image)| BezierPatch::half(&part, image));
     quarters.chain(halves)
 }
 
-impl Patch {
+impl BezierPatch {
     /// The `k`-th quarter turn.
-    fn quarter(rings: &[Ring; 4], k: usize) -> Patch {
+    fn quarter(rings: &[Ring; 4], k: usize) -> BezierPatch {
         let axes = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
         let (x, y) = (axes[k], axes[(k + 1) % 4]);
-        Patch(rings.map(|[r, t, z]| {
+        BezierPatch(rings.map(|[r, t, z]| {
             [r * y, t * x + r * y, r * x + t * y, r * x].map(|p| p + z * DVec3::Z)
         }))
     }
 
     /// The half at y < 0, or its mirror image.
-    fn half(sections: &[Section; 4], mirrored: bool) -> Patch {
-        Patch(sections.map(|[x0, z0, x1, z1, width]| {
+    fn half(sections: &[CrossSection; 4], mirrored: bool) -> BezierPatch {
+        BezierPatch(sections.map(|[x0, z0, x1, z1, width]| {
             let row = [(x0, 0.0, z0), (x0, -width, z0), (x1, -width, z1), (x1, 0.0, z1)];
             if mirrored {
                 let [a, b, c, d] = row.map(|(x, y, z)| DVec3::new(x, -y, z));

@@ -9,8 +9,7 @@ pub const INFO: StageInfo = StageInfo {
     source: "VAO §6",
 };
 
-/// The buffers that are composed.
-pub struct Lit<'a> {
+pub struct LitInputs<'a> {
     /// Its scale: irradiance of the ambient light over that of the direct light.
     pub picture: Picture<'a>,
     /// 1 − A, at any size.
@@ -23,10 +22,10 @@ pub struct Lit<'a> {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    lit: &Lit<'_>,
+    lit: &LitInputs<'_>,
     shows_occlusion: bool,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
-    let Lit { picture, visibility, shadow } = lit;
+    let LitInputs { picture, visibility, shadow } = lit;
     let defs = [("SHOW_OCCLUSION", i32::from(shows_occlusion))];
     // Visibility and depth; and for the picture albedo, normal and four texels of the shadow map. The background has no colour, and
     // surfaces that face away from the light ask no shadow map.
@@ -34,5 +33,5 @@ pub fn new(
     let own: [&dyn Bind; 2] = [*visibility, *shadow];
     let stage = picture.stage(resources, shared, (&INFO, &defs), &own, texels)?;
     let meaning = if shows_occlusion { "visibility" } else { "display value, gamma 2.2" };
-    Ok(stage.shown("image", "the final image", Column::display(meaning)))
+    Ok(stage.dump_as("image", "the final image", Column::display(meaning)))
 }

@@ -54,7 +54,7 @@ pub fn new(
         return Ok(None);
     }
     let uniforms = resources.uniform(INFO.name, settings);
-    let groups = [&shared.group, &Group::new(&[&geometry.materials, &uniforms])];
+    let groups = [&shared.group, &Bindings::new(&[&geometry.materials, &uniforms])];
     // The picture's own opacity stays 1.
     let targets = [wgpu::ColorTargetState {
         format: picture.format(),
@@ -66,7 +66,7 @@ pub fn new(
         depth: Some(Depth::behind(depth)),
         ..RenderSpec::new(INFO.name, &groups, &targets)
     };
-    let pass = Pass::onto(resources, &spec, picture)?;
+    let pass = DrawPass::onto(resources, &spec, picture)?;
     // Every transparent triangle once for each facing; the fragments depend on the view.
     let indices: u64 = parts.iter().map(|part| part.len() as u64).sum();
     let work = Work { triangles: indices / 3 * FACINGS.len() as u64, ..Work::default() };
@@ -76,5 +76,5 @@ pub fn new(
             geometry.draw_instances(pass, part.clone(), FACINGS);
         }
     });
-    Ok(Some(stage.image().leaving(())))
+    Ok(Some(stage.image().with_output(())))
 }

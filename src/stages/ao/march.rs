@@ -4,7 +4,7 @@ use glam::{DMat4, Vec2};
 
 use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::kit::{Canvas, Raster};
 use crate::marching::Marching;
 use crate::prelude::*;
@@ -26,7 +26,7 @@ shader_struct! {
 }
 
 /// A volume's passes and the pixels that it can reach.
-struct Drawn {
+struct Draws {
     /// One for each slice of the rays.
     rasters: Vec<Raster>,
     /// x, y, width, height.
@@ -34,7 +34,7 @@ struct Drawn {
     samples: u64,
 }
 
-impl Drawn {
+impl Draws {
     fn pixels(&self) -> u64 {
         u64::from(self.scissor[2]) * u64::from(self.scissor[3])
     }
@@ -46,7 +46,7 @@ pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     volumes: &[Voxels],
-    seen: (&GbufferTextures, DMat4),
+    seen: (&GBuffer, DMat4),
     marching: &Marching,
     size_px: [u32; 2],
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
@@ -57,7 +57,7 @@ fn build(
     resources: &Resources<'_>,
     shared: &Shared,
     volumes: &[Voxels],
-    (gbuffer, view_projection): (&GbufferTextures, DMat4),
+    (gbuffer, view_projection): (&GBuffer, DMat4),
     marching: &Marching,
     size_px: [u32; 2],
     counters: Option<&Counters>,
@@ -66,13 +66,13 @@ fn build(
     defs.push(("COUNT", i32::from(counters.is_some())));
     let size = Vec2::new(size_px[0] as f32, size_px[1] as f32);
     let uniforms = resources.uniform(INFO.name, &TargetUniforms { size_px: size });
-    let inputs = Group::new(&[&uniforms, &gbuffer.depth, &gbuffer.normal]).and(counters);
+    let inputs = Bindings::new(&[&uniforms, &gbuffer.depth, &gbuffer.normal]).and(counters);
     let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
     let passes = marching.passes(resources, volumes, pixels)?;
     defs.push(passes.def());
     let targets = [kit::multiplicative(VISIBILITY_FORMAT)];
     let spec = RenderSpec::new((INFO.name, &defs[..]), &[], &targets);
-    let raster = |group: &Group| {
+    let raster = |group: &Bindings| {
         let groups = [&shared.group, group, &inputs];
         Raster::new(resources, &RenderSpec { groups: &groups, ..spec.clone() })
     };
@@ -82,10 +82,10 @@ fn build(
         let offset_m = (marching.offset_voxels + marching.shift_voxels.abs()) * voxels.grid.voxel_m;
         let reach = grown(&voxels.grid.bounds(), marching.r_max_m + offset_m);
         let Some(scissor) = rectangle(&view_projection, &reach, size_px) else { continue };
-        drawn.push(Drawn { rasters, scissor, samples: marching.samples_in(&voxels.grid) as u64 });
+        drawn.push(Draws { rasters, scissor, samples: marching.samples_in(&voxels.grid) as u64 });
     }
     // Fragments of the volumes' rectangles, and trilinear samples at most: rays end early at hits and at the volume's border.
-    let fragments = drawn.iter().map(Drawn::pixels).sum();
+    let fragments = drawn.iter().map(Draws::pixels).sum();
     let rays = u64::from(marching.rays);
     let work = Work {
         fragments,
@@ -101,15 +101,15 @@ fn build(
     let stage = Stage::new(&INFO, work, move |scope| {
         // A pass adds to the sums of the one before it.
         canvas.series(scope, slices, |number, pass| {
-            for Drawn { rasters, scissor: [x, y, width, height], .. } in &drawn {
+            for Draws { rasters, scissor: [x, y, width, height], .. } in &drawn {
                 let Some(raster) = rasters.get(number) else { continue };
                 raster.bind(pass);
                 pass.set_scissor_rect(*x, *y, *width, *height);
-                kit::cover(pass);
+                kit::draw_fullscreen(pass);
             }
         });
     });
-    Ok(visible(stage.at_least(least).leaving(texture), "visibility"))
+    Ok(visible(stage.with_min_work(least).with_output(texture), "visibility"))
 }
 
 /// What a frame's marching takes, counted.
@@ -128,7 +128,7 @@ pub fn count(
     gpu: &Gpu,
     shared: &Shared,
     volumes: &[Voxels],
-    seen: (&GbufferTextures, DMat4),
+    seen: (&GBuffer, DMat4),
     marching: &Marching,
     size_px: [u32; 2],
 ) -> Result<MarchCounts, GpuError> {

@@ -29,7 +29,7 @@ pub fn new(
     points: &[SurfacePoint],
     marching: &Marching,
 ) -> Result<Stage<Buffer>, GpuError> {
-    let resources = &resources.sized_by("points × ao.rays × samples");
+    let resources = &resources.with_size_hint("points × ao.rays × samples");
     let count = points.len() as u64;
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let input = resources.structs("points", points, usage);
@@ -37,7 +37,7 @@ pub fn new(
     let visibility = resources.filled_by(INFO.name, count * 4, usage, || {
         bytemuck::cast_slice(&vec![1f32; points.len()]).to_vec()
     });
-    let own = Group::new(&[&input, &visibility]);
+    let own = Bindings::new(&[&input, &visibility]);
     let passes = marching.passes(resources, volumes, count)?;
     let mut defs = marching.defs();
     defs.push(passes.def());
@@ -61,7 +61,7 @@ pub fn new(
     let columns = vec![Column::new("visibility", "1", open)];
     let meaning = "1 − A at each point, in the order of the points";
     let rows = (&*visibility, 1, count as u32);
-    let output = Output::rows("visibility", meaning, columns, rows, <[f32]>::to_vec);
-    let stage = Dispatch::stage(dispatches, &INFO, work).at_least(least);
-    Ok(stage.output(output).leaving(visibility))
+    let output = StageDump::rows("visibility", meaning, columns, rows, <[f32]>::to_vec);
+    let stage = Dispatch::stage(dispatches, &INFO, work).with_min_work(least);
+    Ok(stage.dump(output).with_output(visibility))
 }

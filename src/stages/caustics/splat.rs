@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::splatting::{self, Drawing, Sums, summing};
+use crate::splatting::{self, SplatDrawing, SplatSums, summing};
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/splat",
@@ -76,7 +76,7 @@ impl PointSize {
         Self { a_px: max_px - far_m * slope, b_px_m: near_m * far_m * slope }
     }
 
-    pub fn at(&self, distance_m: f64) -> f64 {
+    pub fn size_px(&self, distance_m: f64) -> f64 {
         self.a_px + self.b_px_m / distance_m
     }
 }
@@ -128,8 +128,8 @@ pub fn raster(
     inputs: (&Photons, &wgpu::Texture),
     settings: &SplatUniforms,
     style: SplatStyle,
-) -> Result<Stage<Sums>, GpuError> {
-    let drawing = Drawing {
+) -> Result<Stage<SplatSums>, GpuError> {
+    let drawing = SplatDrawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
         def: Some(style.coverage.def()),
@@ -163,14 +163,14 @@ pub fn scatter(
     (photons, scene_depth): (&Photons, &wgpu::Texture),
     settings: &SplatUniforms,
     style: SplatStyle,
-) -> Result<Stage<Sums>, GpuError> {
+) -> Result<Stage<SplatSums>, GpuError> {
     let [width, height] = settings.size_px.as_uvec2().to_array();
     let pixels = u64::from(width) * u64::from(height);
     let image = resources.image(INFO.name, [width, height], wgpu::TextureFormat::R32Float);
     let uniforms = resources.uniform(INFO.name, settings);
     let sums = resources.storage("caustics/splat sums", pixels * 8);
     let depths = resources.storage("caustics/splat depths", pixels * 4);
-    let own = Group::new(&[&uniforms, photons, scene_depth, &sums, &depths, &image]);
+    let own = Bindings::new(&[&uniforms, photons, scene_depth, &sums, &depths, &image]);
     let groups = [&shared.group, &own];
     let step = |number: i32, workgroups| {
         let conserving = ("CONSERVING", i32::from(style.conserving));
@@ -181,7 +181,7 @@ pub fn scatter(
     let side = style.max_px.floor() as u64 + 1;
     let parts = side.min(height.into()).div_ceil(SPLAT_ROWS);
     let turns = 1 + SPLAT_ROWS * (side.min(width.into()) + 2);
-    resources.turns("view.width of caustics.buffer", turns);
+    resources.iterations("view.width of caustics.buffer", turns);
     let [x, y, _] = kit::linear_workgroups(photons.count.into());
     let of_photons = [x, y, parts as u32];
     // Sums cleared, photons added, sums turned into the picture.
@@ -197,6 +197,6 @@ pub fn scatter(
     };
     // Splats may lie outside the picture, and no rasterizer draws them.
     let least = Work { fragments: 0, bytes_written: pixels * PIXEL_BYTES, ..work };
-    let stage = Dispatch::stage(steps, &INFO, work).at_least(least).leaving(image);
+    let stage = Dispatch::stage(steps, &INFO, work).with_min_work(least).with_output(image);
     Ok(summing(stage, column(style.conserving)))
 }

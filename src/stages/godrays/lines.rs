@@ -4,7 +4,7 @@ use glam::Vec2;
 
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::splatting::{self, Drawing, Sums};
+use crate::splatting::{self, SplatDrawing, SplatSums};
 
 pub const INFO: StageInfo = StageInfo {
     name: "godrays/lines",
@@ -49,8 +49,8 @@ pub fn new(
     settings: &LinesUniforms,
     conserving: bool,
     typical_px: f64,
-) -> Result<Stage<Sums>, GpuError> {
-    let drawing = Drawing {
+) -> Result<Stage<SplatSums>, GpuError> {
+    let drawing = SplatDrawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
         def: None,

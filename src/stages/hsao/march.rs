@@ -5,7 +5,7 @@ use glam::Vec2;
 
 use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::prelude::*;
 use fathom_gpu::Gpu;
 
@@ -37,7 +37,7 @@ impl HorizonUniforms {
     }
 
     /// Turns of loops of a pixel at most, the ones that find a loop's end included.
-    fn turns(&self) -> u64 {
+    fn loop_bound(&self) -> u64 {
         self.samples_per_pixel() + 3 * u64::from(self.directions) + 2 * u64::from(self.rays) + 1
     }
 }
@@ -47,7 +47,7 @@ impl HorizonUniforms {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    gbuffer: &GBuffer,
     settings: &HorizonUniforms,
     hard: bool,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
@@ -57,24 +57,27 @@ pub fn new(
 fn build(
     resources: &Resources<'_>,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    gbuffer: &GBuffer,
     settings: &HorizonUniforms,
     hard: bool,
     counters: Option<&Counters>,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let defs = [("HARD", i32::from(hard)), ("COUNT", i32::from(counters.is_some()))];
-    resources.turns("hsao.directions × hsao.steps + hsao.rays × hsao.ray_steps", settings.turns());
+    resources.iterations(
+        "hsao.directions × hsao.steps + hsao.rays × hsao.ray_steps",
+        settings.loop_bound(),
+    );
     let march = resources.loop_settings(INFO.name, settings);
-    let own = Group::new(&[&march, &gbuffer.depth, &gbuffer.normal]).and(counters);
+    let own = Bindings::new(&[&march, &gbuffer.depth, &gbuffer.normal]).and(counters);
     let (groups, targets) = ([&shared.group, &own], [kit::opaque(VISIBILITY_FORMAT)]);
     let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
     let size_px = settings.size_px.as_uvec2().to_array();
-    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::WHITE)?;
+    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?;
     // Samples at most: the depth and normal of each pixel, and those of its directions and rays.
     let work = pass.work(2 + settings.samples_per_pixel(), 2);
     // The background has no samples.
     let least = pass.work(1, 2);
-    Ok(visible(pass.stage(&INFO, work).at_least(least), "visibility"))
+    Ok(visible(pass.stage(&INFO, work).with_min_work(least), "visibility"))
 }
 
 /// What a frame's marching takes, counted.
@@ -90,7 +93,7 @@ pub struct HorizonCounts {
 pub fn count(
     gpu: &Gpu,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    gbuffer: &GBuffer,
     settings: &HorizonUniforms,
     hard: bool,
 ) -> Result<HorizonCounts, GpuError> {

@@ -54,9 +54,9 @@ impl Bind for Layer<'_> {
 
 /// What a bind group holds; the binding number is the place in the list. A shader may leave out some of it.
 #[derive(Clone)]
-pub struct Group(Vec<Resource>);
+pub struct Bindings(Vec<Resource>);
 
-impl Group {
+impl Bindings {
     pub fn new(binds: &[&dyn Bind]) -> Self {
         Self(binds.iter().map(|bind| bind.resource()).collect())
     }
@@ -86,7 +86,7 @@ impl Group {
         device: &wgpu::Device,
         shader: &Shader,
         number: u32,
-    ) -> Result<Bound, GpuError> {
+    ) -> Result<BoundGroup, GpuError> {
         let label = Some(shader.path.as_str());
         let of_group = shader.bindings.iter().filter(|binding| binding.group == number);
         let given =
@@ -108,11 +108,11 @@ impl Group {
             held.push(wgpu::BindGroupEntry { binding: of.binding, resource });
         }
         let descriptor = wgpu::BindGroupDescriptor { label, layout: &layout, entries: &held };
-        Ok(Bound { group: device.create_bind_group(&descriptor), layout, key: entries })
+        Ok(BoundGroup { group: device.create_bind_group(&descriptor), layout, key: entries })
     }
 }
 
-pub(super) struct Bound {
+pub(super) struct BoundGroup {
     pub group: wgpu::BindGroup,
     pub layout: wgpu::BindGroupLayout,
     pub key: GroupKey,

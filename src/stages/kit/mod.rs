@@ -7,14 +7,14 @@ mod resources;
 
 use fathom_gpu::Gpu;
 
-pub use bind::{Bind, Group, Layer, Nearest, Resource};
+pub use bind::{Bind, Bindings, Layer, Nearest, Resource};
 pub use fathom_gpu::StructLayout;
 pub use layout::{FieldType, ShaderStruct, host_bytes};
 pub use pass::{
-    Canvas, Code, Depth, Dispatch, Pass, Raster, RenderSpec, cover, linear_workgroups, pixels,
-    scene_stage, size_px, square_workgroups,
+    Canvas, Code, Depth, Dispatch, DrawPass, Raster, RenderSpec, draw_fullscreen,
+    linear_workgroups, pixels, scene_stage, size_px, square_workgroups,
 };
-pub use resources::{Buffer, Parts, Resources, When};
+pub use resources::{Buffer, PipelineParts, Resources, When};
 
 pub fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
@@ -48,7 +48,7 @@ pub fn opaque(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
 }
 
 /// A colour target that a render pass must have, and to which nothing is written.
-pub fn unwritten(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
+pub fn unwritten_target(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
     wgpu::ColorTargetState { write_mask: wgpu::ColorWrites::empty(), ..opaque(format) }
 }
 

@@ -1,7 +1,7 @@
 //! Compute and render pipelines with what they bind, and the passes that stages consist of.
 
-use super::{Group, Resources, depth_state, layer_view, opaque, view};
-use crate::geometry::{Geometry, Part};
+use super::{Bindings, Resources, depth_state, layer_view, opaque, view};
+use crate::geometry::{Geometry, Objects};
 use fathom_gpu::{
     CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader, Stage,
     StageInfo, StageScope, Targets, compilation_options,
@@ -48,7 +48,11 @@ struct Linked {
 }
 
 impl Linked {
-    fn new(resources: &Resources<'_>, code: Code<'_>, groups: &[&Group]) -> Result<Self, GpuError> {
+    fn new(
+        resources: &Resources<'_>,
+        code: Code<'_>,
+        groups: &[&Bindings],
+    ) -> Result<Self, GpuError> {
         let shader = resources.gpu.shader(code.path, code.defs)?;
         let (mut bound, mut layouts, mut keys) = (Vec::new(), Vec::new(), Vec::new());
         for (number, group) in (0..).zip(groups) {
@@ -83,7 +87,7 @@ impl Dispatch {
     pub fn new<'a>(
         resources: &Resources<'_>,
         code: impl Into<Code<'a>>,
-        groups: &[&Group],
+        groups: &[&Bindings],
         workgroups: [u32; 3],
     ) -> Result<Self, GpuError> {
         let (gpu, code) = (resources.gpu, code.into());
@@ -157,7 +161,7 @@ pub struct RenderSpec<'a> {
     pub code: Code<'a>,
     pub vertex: &'a str,
     pub fragment: Option<&'a str>,
-    pub groups: &'a [&'a Group],
+    pub groups: &'a [&'a Bindings],
     pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
     pub targets: &'a [wgpu::ColorTargetState],
     pub depth: Option<Depth<'a>>,
@@ -192,7 +196,7 @@ impl<'a> RenderSpec<'a> {
     /// Triangles, entry points `vertex` and `fragment`, no vertex buffers, no depth.
     pub fn new(
         code: impl Into<Code<'a>>,
-        groups: &'a [&'a Group],
+        groups: &'a [&'a Bindings],
         targets: &'a [wgpu::ColorTargetState],
     ) -> Self {
         let code = code.into();
@@ -338,7 +342,6 @@ impl Canvas {
         Self { textures, colors, depth }
     }
 
-    /// One pass.
     pub fn render(&self, scope: &mut StageScope<'_>, draw: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
         scope.render(&self.targets(&self.colors(true)), draw);
     }
@@ -376,13 +379,12 @@ impl Canvas {
     }
 }
 
-/// A pass of one pipeline.
-pub struct Pass {
+pub struct DrawPass {
     raster: Raster,
     canvas: Canvas,
 }
 
-impl Pass {
+impl DrawPass {
     /// Into new targets: see [`Canvas::new`].
     pub fn new(
         resources: &Resources<'_>,
@@ -445,7 +447,7 @@ impl Pass {
 
     /// A stage that computes every pixel of the targets: one triangle covers them. It leaves the first target.
     pub fn stage(self, info: &'static StageInfo, work: Work) -> Stage<wgpu::Texture> {
-        self.drawing(info, work, cover)
+        self.drawing(info, work, draw_fullscreen)
     }
 
     /// The same with other draws in place of the triangle.
@@ -456,12 +458,12 @@ impl Pass {
         draw: impl Fn(&mut wgpu::RenderPass<'_>) + 'static,
     ) -> Stage<wgpu::Texture> {
         let texture = self.texture().clone();
-        Stage::new(info, work, move |scope| self.render(scope, &draw)).leaving(texture)
+        Stage::new(info, work, move |scope| self.render(scope, &draw)).with_output(texture)
     }
 }
 
 /// Covers the targets with one triangle.
-pub fn cover(pass: &mut wgpu::RenderPass<'_>) {
+pub fn draw_fullscreen(pass: &mut wgpu::RenderPass<'_>) {
     pass.draw(0..3, 0..1);
 }
 
@@ -471,7 +473,7 @@ pub fn cover(pass: &mut wgpu::RenderPass<'_>) {
 pub fn scene_stage(
     resources: &Resources<'_>,
     info: &'static StageInfo,
-    groups: &[&Group],
+    groups: &[&Bindings],
     geometry: &Geometry,
     (formats, texel_bytes): (&[wgpu::TextureFormat], u64),
     size_px: [u32; 2],
@@ -484,8 +486,8 @@ pub fn scene_stage(
         depth: Some(Depth::nearest(&depth)),
         ..RenderSpec::new(info.name, groups, &states)
     };
-    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
-    let triangles = geometry.triangles_of(Part::Opaque);
+    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
+    let triangles = geometry.triangles_of(Objects::Opaque);
     let work = Work {
         triangles,
         // Where nothing is drawn, nothing is read.
@@ -497,9 +499,9 @@ pub fn scene_stage(
     let least = Work { bytes_read: 0, ..work };
     let (colors, geometry) = (pass.canvas.textures.clone(), geometry.clone());
     let encode = move |scope: &mut StageScope<'_>| {
-        pass.render(scope, |pass| geometry.draw(pass, Part::Opaque));
+        pass.render(scope, |pass| geometry.draw(pass, Objects::Opaque));
     };
-    Ok(Stage::new(info, work, encode).at_least(least).leaving((colors, depth)))
+    Ok(Stage::new(info, work, encode).with_min_work(least).with_output((colors, depth)))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 use wgpu::util::DeviceExt;
 
-use super::{Group, Nearest, ShaderStruct, host_bytes};
+use super::{Bindings, Nearest, ShaderStruct, host_bytes};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use fathom_record::Work;
 
@@ -22,13 +22,13 @@ const PLANNED_BYTES: u64 = 4096;
 #[derive(Clone)]
 pub struct Resources<'g> {
     pub gpu: &'g Gpu,
-    account: Rc<RefCell<Account>>,
+    account: Rc<RefCell<PipelineTotals>>,
     sized_by: Option<Rc<str>>,
     for_pictures: bool,
 }
 
 #[derive(Default)]
-struct Account {
+struct PipelineTotals {
     demand: Demand,
     stages: Vec<Rc<Stage>>,
     once: Vec<Rc<Stage>>,
@@ -45,7 +45,7 @@ pub enum When {
 }
 
 /// What a pipeline runs, and what it needs.
-pub struct Parts {
+pub struct PipelineParts {
     /// In frame order.
     pub stages: Vec<Rc<Stage>>,
     /// Run once, when the pipeline is made.
@@ -88,7 +88,7 @@ impl<'g> Resources<'g> {
 
     /// Shares this account. These parameters give the size of what is made through it; messages name them.
     #[must_use]
-    pub fn sized_by(&self, parameters: &str) -> Self {
+    pub fn with_size_hint(&self, parameters: &str) -> Self {
         Self { sized_by: Some(parameters.into()), ..self.clone() }
     }
 
@@ -100,19 +100,18 @@ impl<'g> Resources<'g> {
 
     /// Bytes of all textures and buffers so far.
     pub fn allocated_bytes(&self) -> u64 {
-        self.account.borrow().demand.held_bytes()
+        self.account.borrow().demand.allocated_bytes()
     }
 
-    /// What is beyond these limits so far, if anything is.
-    pub fn beyond(&self, limits: &wgpu::Limits) -> Option<String> {
+    pub fn exceeded_limit(&self, limits: &wgpu::Limits) -> Option<String> {
         self.account.borrow().demand.check(limits).err()
     }
 
     /// The stages, and what all of it needs.
-    pub fn into_parts(self) -> Parts {
+    pub fn into_parts(self) -> PipelineParts {
         let mut account = self.account.borrow_mut();
-        let Account { demand, stages, once } = std::mem::take(&mut *account);
-        Parts { stages, once, demand }
+        let PipelineTotals { demand, stages, once } = std::mem::take(&mut *account);
+        PipelineParts { stages, once, demand }
     }
 
     /// The next stage of the frame; what it leaves.
@@ -135,7 +134,7 @@ impl<'g> Resources<'g> {
     }
 
     /// Work of a frame in addition to what its stages declare, for the estimate of its time.
-    pub fn expects(&self, label: &str, work: Work) {
+    pub fn add_work(&self, label: &str, work: Work) {
         self.note(label, |demand, name| demand.takes(name, work));
     }
 
@@ -157,9 +156,9 @@ impl<'g> Resources<'g> {
     }
 
     /// An invocation makes so many turns of its loops at most, those that find a loop's end included. The label names what gives them.
-    pub fn turns(&self, label: &str, count: u64) {
+    pub fn iterations(&self, label: &str, count: u64) {
         let mut account = self.account.borrow_mut();
-        account.demand = std::mem::take(&mut account.demand).turns(label, count);
+        account.demand = std::mem::take(&mut account.demand).iterations(label, count);
     }
 
     pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 3]) {
@@ -167,7 +166,7 @@ impl<'g> Resources<'g> {
     }
 
     /// The message names the shader: no parameter changes what it binds.
-    pub(super) fn binds(&self, shader: &str, groups: &[&Group]) {
+    pub(super) fn binds(&self, shader: &str, groups: &[&Bindings]) {
         let count = groups.iter().map(|group| group.storage_buffers()).sum();
         let mut account = self.account.borrow_mut();
         account.demand = std::mem::take(&mut account.demand).storage_buffers(shader, count);
@@ -380,7 +379,7 @@ impl<'g> Resources<'g> {
     }
 
     /// A storage buffer with room for so many structs, as [`Self::storage`] makes it.
-    pub fn room_for<T: ShaderStruct>(&self, label: &str, count: u64) -> Buffer {
+    pub fn struct_storage<T: ShaderStruct>(&self, label: &str, count: u64) -> Buffer {
         let layout = T::layout();
         let bytes = count * u64::from(layout.span);
         Buffer { layout: Some(layout.into()), ..self.storage(label, bytes) }
@@ -443,7 +442,7 @@ impl<'g> Resources<'g> {
     }
 }
 
-impl Parts {
+impl PipelineParts {
     /// Runs the stages that run once.
     ///
     /// # Errors

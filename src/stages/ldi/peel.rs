@@ -1,7 +1,7 @@
 //! `ldi/peel`: layers of depth, normals of triangles and interpolated normals from the camera, one after the other. SPT §2.2.
 
 use crate::flat_triangles::FlatTriangles;
-use crate::geometry::{Geometry, Part};
+use crate::geometry::{Geometry, Objects};
 use crate::kit::Layer;
 use crate::prelude::*;
 use crate::screen_ray::Layers;
@@ -18,7 +18,7 @@ pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     scene: &Scene,
-    (geometry, part): (&Geometry, Part),
+    (geometry, part): (&Geometry, Objects),
     size_px: [u32; 2],
     count: u32,
 ) -> Result<Stage<Layers>, GpuError> {
@@ -27,7 +27,7 @@ pub fn new(
     let triangles = FlatTriangles::new(resources, scene, part);
     let peel = |layer: u32| {
         let before = layer.checked_sub(1).map(|before| Layer(&layers.depths, before));
-        let groups = [&shared.group, &Group::new(&[&geometry.materials]).and(&before)];
+        let groups = [&shared.group, &Bindings::new(&[&geometry.materials]).and(&before)];
         let defs = [("FIRST", i32::from(layer == 0))];
         let spec = RenderSpec {
             buffers: &[FlatTriangles::layout()],
@@ -35,7 +35,7 @@ pub fn new(
             ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
         };
         let (view, surfaces) = (kit::layer_view(&layers.surfaces, layer), layers.surfaces.clone());
-        Pass::over(resources, &spec, vec![(view, Some(wgpu::Color::TRANSPARENT), surfaces)])
+        DrawPass::over(resources, &spec, vec![(view, Some(wgpu::Color::TRANSPARENT), surfaces)])
     };
     let peels = (0..layers.count()).map(peel).collect::<Result<Vec<_>, _>>()?;
     let drawn = u64::from(layers.count());
@@ -52,5 +52,5 @@ pub fn new(
             peel.render(scope, |pass| triangles.draw(pass));
         }
     });
-    Ok(stage.at_least(least).output(layers.output()).leaving(layers))
+    Ok(stage.with_min_work(least).dump(layers.output()).with_output(layers))
 }

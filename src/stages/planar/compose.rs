@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::picture::Picture;
 use crate::pool::Pool;
 use crate::prelude::*;
@@ -16,26 +16,26 @@ pub const INFO: StageInfo = StageInfo {
 /// What the picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Shown {
+pub enum PlanarView {
     /// The lit scene.
     Image,
     /// The illumination map of the floor, texel by texel, on white. SPT Fig. 2, right.
     FloorMap,
 }
 
-fathom_base::choices!(Shown);
+fathom_base::choices!(PlanarView);
 
 /// `map` is the illumination map of the pool.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    gbuffer: &GBuffer,
     (map, pool): (&wgpu::Texture, &Pool),
     exposure: f64,
-    shown: Shown,
+    shown: PlanarView,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let pool = resources.uniform("pool", pool);
-    let defs = [("MAP", i32::from(shown == Shown::FloorMap))];
+    let defs = [("MAP", i32::from(shown == PlanarView::FloorMap))];
     let picture = Picture::new(gbuffer, exposure, 0.0);
     // Albedo, normal and depth of a pixel, and four texels of the map.
     Ok(picture.stage(resources, shared, (&INFO, &defs), &[&pool, map], [7, 1])?.image())

@@ -27,7 +27,7 @@ pub fn new(
     photon_w: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let settings = resources.uniform(INFO.name, &PointUniforms { photon_w: photon_w as f32 });
-    let own = Group::new(&[&settings, &resources.uniform("pool", pool), transfers]);
+    let own = Bindings::new(&[&settings, &resources.uniform("pool", pool), transfers]);
     let groups = [&shared.group, &own];
     let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
     let defs = [shared.water_def(), shared.fresnel_def()];
@@ -35,7 +35,7 @@ pub fn new(
         topology: wgpu::PrimitiveTopology::PointList,
         ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
     };
-    let pass = Pass::new(resources, &spec, pool.map_px(), wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, pool.map_px(), wgpu::Color::BLACK)?;
     let (points, photons) = (transfers.count, u64::from(transfers.count));
     let work = Work {
         photons,
@@ -47,8 +47,9 @@ pub fn new(
     };
     // Photons may lie outside the map.
     let least = Work { fragments: 0, bytes_written: 0, ..work };
-    let stage = pass.drawing(&INFO, work, move |pass| pass.draw(0..points, 0..1)).at_least(least);
+    let stage =
+        pass.drawing(&INFO, work, move |pass| pass.draw(0..points, 0..1)).with_min_work(least);
     let meaning = "faces side by side: the floor (row 0 at −z), then the walls at −x, +x, −z, +z (row 0 at the top)";
     let column = Column::new("irradiance", "W/m²", "what the photons bring to the texel");
-    Ok(stage.shown("map", meaning, vec![column]))
+    Ok(stage.dump_as("map", meaning, vec![column]))
 }

@@ -2,7 +2,7 @@
 
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::screen_ray::{Rays, output, walk_turns};
+use crate::screen_ray::{RayInputs, output, walk_iterations};
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/march",
@@ -13,17 +13,20 @@ pub const INFO: StageInfo = StageInfo {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    rays: &Rays<'_>,
+    rays: &RayInputs<'_>,
 ) -> Result<Stage<Photons>, GpuError> {
     let count = rays.transfers.count;
     let photons = Photons::of_rays(resources, INFO.name, (count, rays.walking.max_hits));
-    resources.turns("view × ldi.layers", walk_turns(rays.most(), rays.layers.count()));
+    resources
+        .iterations("view × ldi.layers", walk_iterations(rays.max_steps(), rays.layers.count()));
     let own = rays.group(resources, INFO.name, Some(&photons));
     let groups = [&shared.group, &own];
     let workgroups = kit::linear_workgroups(count.into());
     let dispatch = Dispatch::new(resources, (INFO.name, &rays.defs()), &groups, workgroups)?;
     // Rays end early, and a photon that has ended is passed over on its later ways.
-    let stage = Dispatch::stage([dispatch], &INFO, rays.work()).at_least(Work::default());
-    let stage = stage.in_turns(rays.walking.ways).spending_inputs(rays.walking.ways > 1);
-    Ok(stage.output(output(&photons)).leaving(photons))
+    let stage = Dispatch::stage([dispatch], &INFO, rays.work()).with_min_work(Work::default());
+    let stage = stage
+        .with_iterations(rays.walking.path_segments)
+        .with_spent_inputs(rays.walking.path_segments > 1);
+    Ok(stage.dump(output(&photons)).with_output(photons))
 }

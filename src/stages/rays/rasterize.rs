@@ -1,7 +1,7 @@
 //! `rays/rasterize`: a line for each photon into its own row; each fragment is held against all layers. SPT §2.1.
 
 use crate::prelude::*;
-use crate::screen_ray::Rays;
+use crate::screen_ray::RayInputs;
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/rasterize",
@@ -16,7 +16,7 @@ pub const NO_HIT: f32 = 1e30;
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    rays: &Rays<'_>,
+    rays: &RayInputs<'_>,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let groups = [&shared.group, &rays.group(resources, INFO.name, None)];
     let defs = rays.defs();
@@ -27,9 +27,9 @@ pub fn new(
     };
     let clear = wgpu::Color { r: f64::from(NO_HIT), ..wgpu::Color::BLACK };
     let (rows, tiles, photons) = (rays.rows(), rays.tiles(), rays.transfers.count);
-    let pass = Pass::new(resources, &spec, [rays.most(), rows], clear)?;
+    let pass = DrawPass::new(resources, &spec, [rays.max_steps(), rows], clear)?;
     let primitives = rays.work().photons;
-    let fragments = primitives * u64::from(rays.most());
+    let fragments = primitives * u64::from(rays.max_steps());
     let work = Work { primitives, fragments, bytes_written: fragments * 4, ..rays.work() };
     // Rays end early, and all turns write to the same target.
     let least = Work { primitives, bytes_written: pass.pixels() * 4, ..Work::default() };
@@ -43,8 +43,8 @@ pub fn new(
         Column::new("distance_m", "m", "from the start of the ray; 1e30 where nothing is hit");
     let meaning = "hits of the last tile of photons: a photon a row, a step a column";
     // A turn for each tile of rows and each way.
-    let stage = stage.at_least(least).in_turns(tiles * rays.walking.ways);
+    let stage = stage.with_min_work(least).with_iterations(tiles * rays.walking.path_segments);
     // Photons that end on a way are not traced on the next.
-    let stage = stage.spending_inputs(rays.walking.ways > 1).leaving(hits);
-    Ok(stage.shown("hits", meaning, vec![column]))
+    let stage = stage.with_spent_inputs(rays.walking.path_segments > 1).with_output(hits);
+    Ok(stage.dump_as("hits", meaning, vec![column]))
 }

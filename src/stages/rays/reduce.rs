@@ -2,7 +2,7 @@
 
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::screen_ray::{self, Rays};
+use crate::screen_ray::{self, RayInputs};
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/reduce",
@@ -27,10 +27,10 @@ shader_struct! {
 pub fn new(
     resources: &Resources<'_>,
     hits: &wgpu::Texture,
-    rays: &Rays<'_>,
+    rays: &RayInputs<'_>,
 ) -> Result<Stage<Photons>, GpuError> {
     let (rows, transfers, max_hits) = (hits.height(), rays.transfers, rays.walking.max_hits);
-    let dispatch = |last: i32, group: &Group, workgroups| {
+    let dispatch = |last: i32, group: &Bindings, workgroups| {
         Dispatch::new(resources, (INFO.name, &[("LAST", last)]), &[group], workgroups)
     };
     let mut wide = hits.clone();
@@ -40,7 +40,7 @@ pub fn new(
         let size = [wide.width().div_ceil(2), rows];
         let half = resources.image(INFO.name, size, hits.format());
         let workgroups = kit::square_workgroups(size, WORKGROUP);
-        halvings.push(dispatch(0, &Group::new(&[&wide, &half]), workgroups)?);
+        halvings.push(dispatch(0, &Bindings::new(&[&wide, &half]), workgroups)?);
         texels += kit::pixels(&half);
         wide = half;
     }
@@ -48,11 +48,11 @@ pub fn new(
     let last = |tile| {
         let tile = TileUniforms { first: tile * rows, photons: transfers.count, max_hits };
         let tile = resources.uniform(INFO.name, &tile);
-        let group = Group::new(&[&wide, &tile, transfers, &photons]);
+        let group = Bindings::new(&[&wide, &tile, transfers, &photons]);
         dispatch(1, &group, [rows.div_ceil(LAST_WORKGROUP), 1, 1])
     };
     let lasts = (0..rays.tiles()).map(last).collect::<Result<Vec<_>, _>>()?;
-    let turns = lasts.len() as u32 * rays.walking.ways;
+    let turns = lasts.len() as u32 * rays.walking.path_segments;
     let read = if max_hits == 1 { 2 * texels } else { kit::pixels(&wide) };
     let work = Work {
         photons: transfers.count.into(),
@@ -67,6 +67,9 @@ pub fn new(
         scope.compute(|pass| halvings.iter().chain([last]).for_each(|step| step.run(pass)));
     });
     let output = screen_ray::output(&photons);
-    let stage = stage.at_least(least).in_turns(turns).spending_inputs(rays.walking.ways > 1);
-    Ok(stage.output(output).leaving(photons))
+    let stage = stage
+        .with_min_work(least)
+        .with_iterations(turns)
+        .with_spent_inputs(rays.walking.path_segments > 1);
+    Ok(stage.dump(output).with_output(photons))
 }

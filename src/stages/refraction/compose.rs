@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::Exits;
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::picture::Picture;
 use crate::prelude::*;
-use crate::screen_ray::{WalkUniforms, walk_turns, walk_without_layers};
+use crate::screen_ray::{WalkUniforms, walk_iterations, walk_without_layers};
 use fathom_scene::Bounds;
 
 pub const INFO: StageInfo = StageInfo {
@@ -16,7 +16,7 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 /// Fewest steps of a ray: a straight one stays in its pixel.
-const LEAST_STEPS: u32 = 8;
+const MIN_STEPS: u32 = 8;
 /// Depths that a step reads: its pixel's and those around it.
 const FETCHES: u64 = 5;
 
@@ -24,19 +24,19 @@ const FETCHES: u64 = 5;
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    gbuffer: &GBuffer,
     exits: &Exits,
     opaque: Option<Bounds>,
     exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let size_px = kit::size_px(&gbuffer.depth);
-    let bounds = opaque.unwrap_or(Bounds::around([DVec3::ZERO]));
-    let mut walk = walk_without_layers(size_px, bounds, LEAST_STEPS);
+    let bounds = opaque.unwrap_or(Bounds::from_points([DVec3::ZERO]));
+    let mut walk = walk_without_layers(size_px, bounds, MIN_STEPS);
     if opaque.is_none() {
-        walk = WalkUniforms { least: 0, most: 0, ..walk };
+        walk = WalkUniforms { min_steps: 0, max_steps: 0, ..walk };
     }
-    resources.turns("view", 2 * walk_turns(walk.most, 0));
-    let steps = 2 * u64::from(walk.most);
+    resources.iterations("view", 2 * walk_iterations(walk.max_steps, 0));
+    let steps = 2 * u64::from(walk.max_steps);
     let walk = resources.uniform(INFO.name, &walk);
     let rays: [&dyn Bind; 3] = [&exits.positions, &exits.directions, &walk];
     let texels = [5 + FETCHES * steps, 1];

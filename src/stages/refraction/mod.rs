@@ -20,23 +20,22 @@ pub struct Exits {
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 impl Exits {
-    /// The targets of a pass.
-    fn of(pass: &Pass) -> Self {
+    fn from_pass(pass: &DrawPass) -> Self {
         let [positions, directions] = [0, 1].map(|target: usize| pass.textures()[target].clone());
         Self { positions, directions }
     }
 
     /// For dumps.
-    fn outputs(&self) -> [Output; 2] {
+    fn outputs(&self) -> [StageDump; 2] {
         let (place, along) =
             ("where the line of sight leaves the glass", "unit direction in which it goes on");
-        let mut positions = Column::alike(["x_m", "y_m", "z_m"], "m", place);
+        let mut positions = Column::many(["x_m", "y_m", "z_m"], "m", place);
         positions.push(Column::new("entry_m", "m", "distance to the glass, 0 without"));
-        let mut directions = Column::alike(["x", "y", "z"], "1", along);
+        let mut directions = Column::many(["x", "y", "z"], "1", along);
         directions.push(Column::new("inside", "1", "1 where it is still inside"));
         [
-            Output::texture("positions", place, positions, &self.positions),
-            Output::texture("directions", along, directions, &self.directions),
+            StageDump::texture("positions", place, positions, &self.positions),
+            StageDump::texture("directions", along, directions, &self.directions),
         ]
     }
 }

@@ -4,7 +4,7 @@ use glam::Vec2;
 
 use crate::picture::Shafts;
 use crate::prelude::*;
-use crate::screen_ray::{Layers, WalkUniforms, walk_turns};
+use crate::screen_ray::{Layers, WalkUniforms, walk_iterations};
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/surface",
@@ -27,7 +27,7 @@ const SEARCHES: u64 = 32;
 const HALVINGS: u64 = 10;
 
 /// What the camera sees without the water.
-pub struct Dry<'a> {
+pub struct DryView<'a> {
     /// The first layer is what is seen.
     pub layers: &'a Layers,
     pub depth: &'a wgpu::Texture,
@@ -38,7 +38,7 @@ pub struct Dry<'a> {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    dry: &Dry<'_>,
+    dry: &DryView<'_>,
     walk: &WalkUniforms,
     bound_m: f64,
     shafts: Option<Shafts<'_>>,
@@ -53,20 +53,20 @@ pub fn new(
     };
     // The search for the surface, its height at the place found, and a ray to either side.
     let water = (SEARCHES + HALVINGS + 3) * (2 + shared.water_turns);
-    resources.turns("water.waves and view", water + 2 * walk_turns(walk.most, 1));
+    resources.iterations("water.waves and view", water + 2 * walk_iterations(walk.max_steps, 1));
     let settings = resources.uniform(INFO.name, &settings);
     let walked = resources.uniform(INFO.name, &WalkUniforms { layers: 1, ..walk.clone() });
     let Layers { depths, surfaces } = dry.layers;
-    let own = Group::new(&[&settings, &walked, depths, surfaces, dry.depth, dry.radiance])
+    let own = Bindings::new(&[&settings, &walked, depths, surfaces, dry.depth, dry.radiance])
         .and(shafts.map(|shafts| shafts.flux));
     let groups = [&shared.group, &own];
     let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
     let defs = [("SHAFTS", i32::from(shafts.is_some())), shared.water_def()];
     let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
-    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
     // At most: two rays a pixel, each as long as the picture.
-    let work = pass.work(4 + 4 * u64::from(walk.most), 4);
+    let work = pass.work(4 + 4 * u64::from(walk.max_steps), 4);
     // A ray may end at its first texel.
     let least = pass.work(1, 4);
-    Ok(pass.stage(&INFO, work).at_least(least).image())
+    Ok(pass.stage(&INFO, work).with_min_work(least).image())
 }

@@ -5,7 +5,7 @@ use glam::UVec2;
 use super::{Exits, FORMAT};
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::screen_ray::{Layers, SightUniforms, WalkUniforms, walk_turns};
+use crate::screen_ray::{Layers, SightUniforms, WalkUniforms, walk_iterations};
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/trace",
@@ -15,7 +15,7 @@ pub const INFO: StageInfo = StageInfo {
 
 shader_struct! {
     /// `Trace` in `shaders/refraction/trace.wgsl`.
-    pub struct TraceUniforms {
+    pub struct ExitUniforms {
         pub refractions: u32,
         pub first: UVec2,
         pub count: UVec2,
@@ -23,7 +23,7 @@ shader_struct! {
 }
 
 /// Lines of sight of a rectangle of pixels, and the ends of their lines.
-pub struct Lines<'a> {
+pub struct SightLines<'a> {
     pub sight: &'a SightUniforms,
     pub ends: &'a Photons,
 }
@@ -34,27 +34,27 @@ pub fn new(
     shared: &Shared,
     layers: &Layers,
     walk: &WalkUniforms,
-    (refractions, lines): (u32, Option<Lines<'_>>),
+    (refractions, lines): (u32, Option<SightLines<'_>>),
 ) -> Result<Stage<Exits>, GpuError> {
-    let turns = u64::from(refractions) * (walk_turns(walk.most, 0) + 2) + 1;
-    resources.turns("refractions × view", turns);
+    let turns = u64::from(refractions) * (walk_iterations(walk.max_steps, 0) + 2) + 1;
+    resources.iterations("refractions × view", turns);
     let walked = resources.uniform(INFO.name, walk);
     let [first, count] =
         lines.as_ref().map_or([UVec2::ZERO; 2], |lines| [lines.sight.first, lines.sight.count]);
-    let settings = resources.uniform(INFO.name, &TraceUniforms { refractions, first, count });
-    let own = Group::new(&[&walked, &settings, &layers.depths, &layers.surfaces])
+    let settings = resources.uniform(INFO.name, &ExitUniforms { refractions, first, count });
+    let own = Bindings::new(&[&walked, &settings, &layers.depths, &layers.surfaces])
         .and(lines.as_ref().map(|lines| lines.ends));
     let groups = [&shared.group, &own];
     let defs = [("ENDS", i32::from(lines.is_some()))];
     let targets = [FORMAT; 2].map(kit::opaque);
     let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
-    let pass = Pass::new(resources, &spec, layers.size_px(), wgpu::Color::TRANSPARENT)?;
-    let exits = Exits::of(&pass);
+    let pass = DrawPass::new(resources, &spec, layers.size_px(), wgpu::Color::TRANSPARENT)?;
+    let exits = Exits::from_pass(&pass);
     // At most: each ray as long as the picture.
-    let most = if lines.is_some() { layers.count() } else { walk.most };
+    let most = if lines.is_some() { layers.count() } else { walk.max_steps };
     let steps = u64::from(refractions.saturating_sub(1)) * u64::from(most);
     let work = pass.work(4 * steps + 2, 32);
     // A ray may end at its first texel.
     let least = pass.work(1, 32);
-    Ok(pass.stage(&INFO, work).at_least(least).outputs(exits.outputs()).leaving(exits))
+    Ok(pass.stage(&INFO, work).with_min_work(least).dumps(exits.outputs()).with_output(exits))
 }

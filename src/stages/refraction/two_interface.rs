@@ -1,7 +1,7 @@
 //! `refraction/two_interface`: refraction through two interfaces, approximated. Wyman 2005, the method that SPT §4 compares with.
 
 use super::{Exits, FORMAT};
-use crate::geometry::{Geometry, Part};
+use crate::geometry::{Geometry, Objects};
 use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
@@ -23,7 +23,7 @@ pub fn new(
 ) -> Result<Stage<Exits>, GpuError> {
     let depth = || resources.target(INFO.name, size_px, kit::DEPTH_FORMAT);
     let (farthest, nearest) = (depth(), depth());
-    let side = |near: bool, group: &Group, formats: &[wgpu::TextureFormat], depth: Depth<'_>| {
+    let side = |near: bool, group: &Bindings, formats: &[wgpu::TextureFormat], depth: Depth<'_>| {
         let defs = [("SIDE", i32::from(near))];
         let states: Vec<_> = formats.iter().map(|format| kit::opaque(*format)).collect();
         let groups = [&shared.group, group];
@@ -32,26 +32,26 @@ pub fn new(
             depth: Some(depth),
             ..RenderSpec::new((INFO.name, &defs), &groups, &states)
         };
-        Pass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)
+        DrawPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)
     };
     let compare = wgpu::CompareFunction::Greater;
     let tested = Depth { compare, clear: Some(0.0), ..Depth::nearest(&farthest) };
-    let far = side(false, &Group::new(&[&geometry.materials]), &[NORMALS], tested)?;
-    let group = Group::new(&[&geometry.materials, &farthest, far.texture(), thickness_m]);
+    let far = side(false, &Bindings::new(&[&geometry.materials]), &[NORMALS], tested)?;
+    let group = Bindings::new(&[&geometry.materials, &farthest, far.texture(), thickness_m]);
     let near = side(true, &group, &[FORMAT; 2], Depth::nearest(&nearest))?;
     let work = Work {
-        triangles: 2 * geometry.triangles_of(Part::Glass),
+        triangles: 2 * geometry.triangles_of(Objects::Glass),
         bytes_read: 2 * geometry.bytes(),
         bytes_written: kit::pixels(&nearest) * (4 + 8 + 4 + 32),
         ..Work::default()
     };
     // Of the geometry only one part is drawn, and its bytes are read twice.
     let least = Work { bytes_read: 0, ..work };
-    let (exits, geometry) = (Exits::of(&near), geometry.clone());
+    let (exits, geometry) = (Exits::from_pass(&near), geometry.clone());
     let stage = Stage::new(&INFO, work, move |scope| {
         for side in [&far, &near] {
-            side.render(scope, |pass| geometry.draw(pass, Part::Glass));
+            side.render(scope, |pass| geometry.draw(pass, Objects::Glass));
         }
     });
-    Ok(stage.at_least(least).outputs(exits.outputs()).leaving(exits))
+    Ok(stage.with_min_work(least).dumps(exits.outputs()).with_output(exits))
 }

@@ -12,7 +12,7 @@ pub const INFO: StageInfo = StageInfo {
 
 /// How rays from the surface end and what they gather.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rays {
+pub struct RayRules {
     /// They stop at |V − iso| < tolerance, else at V ≥ threshold.
     pub at_isosurface: bool,
     /// ρ = 1 − d / r_max, else 1.
@@ -27,7 +27,7 @@ pub fn new(
     resources: &Resources<'_>,
     through: (&Shared, &ScalarField),
     settings: &CastUniforms,
-    rays: Rays,
+    rays: RayRules,
 ) -> Result<Stage<Cast>, GpuError> {
     let defs = [
         ("AT_ISOSURFACE", rays.at_isosurface),

@@ -20,7 +20,7 @@ pub const INFO: StageInfo = StageInfo {
 const STRIDE: usize = 7;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motion {
+pub enum MotionKind {
     Spin,
     Twist,
     Wave,
@@ -64,7 +64,7 @@ pub fn new(
     resources: &Resources<'_>,
     geometry: &Geometry,
     scene: &Scene,
-    motion: Motion,
+    motion: MotionKind,
     cycles: f64,
     amplitude: f64,
 ) -> Result<Stage, GpuError> {
@@ -80,7 +80,7 @@ pub fn new(
     let bytes = geometry.vertices.size();
     let rest = || Geometry::vertex_bytes(scene);
     let rest = resources.filled_by("vertices at rest", bytes, storage, rest);
-    let group = Group::new(&[&uniforms, &pivots, &rest, &geometry.vertices]);
+    let group = Bindings::new(&[&uniforms, &pivots, &rest, &geometry.vertices]);
     let (defs, workgroups) = ([("MOTION", motion as i32)], kit::linear_workgroups(count));
     let dispatch = Dispatch::new(resources, (INFO.name, &defs), &[&group], workgroups)?;
     let work = Work {
@@ -89,10 +89,10 @@ pub fn new(
         bytes_written: count * 6 * 4,
         ..Work::default()
     };
-    let mut columns = Column::alike(["x", "y", "z"], "m", "position");
-    columns.extend(Column::alike(["nx", "ny", "nz"], "1", "unit normal"));
+    let mut columns = Column::many(["x", "y", "z"], "m", "position");
+    columns.extend(Column::many(["nx", "ny", "nz"], "1", "unit normal"));
     let rows = (&*geometry.vertices, STRIDE, count as u32);
     let row = |vertex: &[f32]| vertex[..6].to_vec();
-    let output = Output::rows("vertices", "vertices of this moment", columns, rows, row);
-    Ok(Dispatch::stage([dispatch], &INFO, work).output(output))
+    let output = StageDump::rows("vertices", "vertices of this moment", columns, rows, row);
+    Ok(Dispatch::stage([dispatch], &INFO, work).dump(output))
 }

@@ -1,6 +1,6 @@
 //! `scene/gbuffer`: albedo, normal and depth from the camera. UW §3.2.
 
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::geometry::Geometry;
 use crate::prelude::*;
 
@@ -15,29 +15,26 @@ pub fn new(
     shared: &Shared,
     geometry: &Geometry,
     size_px: [u32; 2],
-) -> Result<Stage<GbufferTextures>, GpuError> {
-    let groups = [&shared.group, &Group::new(&[&geometry.materials])];
+) -> Result<Stage<GBuffer>, GpuError> {
+    let groups = [&shared.group, &Bindings::new(&[&geometry.materials])];
     let formats = [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba16Float];
     let targets = (&formats[..], 4 + 8 + 4);
     let drawn = kit::scene_stage(resources, &INFO, &groups, geometry, targets, size_px)?;
-    let (colors, depth) = &drawn.left;
-    let textures = GbufferTextures {
-        albedo: colors[0].clone(),
-        normal: colors[1].clone(),
-        depth: depth.clone(),
-    };
-    let mut albedo = Column::alike(["red", "green", "blue"], "1", "reflectance");
+    let (colors, depth) = &drawn.output;
+    let textures =
+        GBuffer { albedo: colors[0].clone(), normal: colors[1].clone(), depth: depth.clone() };
+    let mut albedo = Column::many(["red", "green", "blue"], "1", "reflectance");
     albedo.push(Column::new("covered", "1", "1 where geometry was drawn"));
-    let mut normal = Column::alike(["nx", "ny", "nz"], "1", "normal");
+    let mut normal = Column::many(["nx", "ny", "nz"], "1", "normal");
     normal.push(Column::new("specular", "1", "reflectance of the glossy lobe"));
     let depth = vec![Column::new("depth", "1", "normalised device depth of the camera")];
     let albedos = "diffuse reflectance at each pixel";
     let normals = "unit surface normal in the world's axes, and the specular coefficient";
     let depths = "depth from the camera, 0 near plane to 1 far plane";
     let outputs = [
-        Output::texture("albedo", albedos, albedo, &textures.albedo),
-        Output::texture("normal", normals, normal, &textures.normal),
-        Output::texture("depth", depths, depth, &textures.depth),
+        StageDump::texture("albedo", albedos, albedo, &textures.albedo),
+        StageDump::texture("normal", normals, normal, &textures.normal),
+        StageDump::texture("depth", depths, depth, &textures.depth),
     ];
-    Ok(drawn.outputs(outputs).leaving(textures))
+    Ok(drawn.dumps(outputs).with_output(textures))
 }

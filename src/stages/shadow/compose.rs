@@ -1,6 +1,6 @@
 //! `shadow/compose`: the picture, lit where rays to the light meet nothing. SPT §5.
 
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::photon::Photons;
 use crate::picture::Picture;
 use crate::prelude::*;
@@ -15,7 +15,7 @@ pub const INFO: StageInfo = StageInfo {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    gbuffer: &GBuffer,
     photons: &Photons,
     exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {

@@ -18,9 +18,9 @@ pub fn new(
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let groups = [&shared.group];
     let drawn = kit::scene_stage(resources, &INFO, &groups, geometry, (&[], 4), [size; 2])?;
-    let depth = drawn.left.1.clone();
+    let depth = drawn.output.1.clone();
     let meaning =
         "depth of the scene along the light, 0 near plane to 1 far plane; row 0 is ndc y = +1";
     let column = Column::new("depth", "1", "normalised device depth of the light");
-    Ok(drawn.leaving(depth).shown("depth", meaning, vec![column]))
+    Ok(drawn.with_output(depth).dump_as("depth", meaning, vec![column]))
 }

@@ -23,14 +23,14 @@ pub fn new(
     cells: u32,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let settings = resources.uniform(INFO.name, &MaskUniforms { cells });
-    let groups = [&shared.group, &Group::new(&[&settings])];
+    let groups = [&shared.group, &Bindings::new(&[&settings])];
     let targets = [kit::opaque(wgpu::TextureFormat::R8Unorm)];
     let defs = [shared.water_def()];
     let spec = RenderSpec {
         depth: Some(Depth::behind(depth)),
         ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
     };
-    let pass = Pass::new(resources, &spec, kit::size_px(depth), wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, kit::size_px(depth), wgpu::Color::BLACK)?;
     let (quads, texels) = (cells * cells, pass.pixels());
     let work = Work {
         triangles: u64::from(cells) * u64::from(cells) * 2,
@@ -43,5 +43,5 @@ pub fn new(
     let stage = pass.drawing(&INFO, work, move |pass| pass.draw(0..quads * 6, 0..1));
     let meaning = "1 where the light meets the water first; row 0 is ndc y = +1 of the light";
     let column = Column::new("water", "1", "1 water, 0 other");
-    Ok(stage.at_least(least).shown("mask", meaning, vec![column]))
+    Ok(stage.with_min_work(least).dump_as("mask", meaning, vec![column]))
 }

@@ -3,7 +3,7 @@
 use glam::IVec2;
 
 use crate::prelude::*;
-use crate::splatting::Sums;
+use crate::splatting::SplatSums;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shafts/blur",
@@ -13,7 +13,7 @@ pub const INFO: StageInfo = StageInfo {
 
 shader_struct! {
     /// `Blur` in `shaders/shafts/blur.wgsl`.
-    pub struct BlurUniforms {
+    pub struct ShaftBlurUniforms {
         pub along: IVec2,
         pub reach: i32,
         pub falloff: f32,
@@ -26,18 +26,18 @@ const REACH_SIGMAS: f64 = 3.0;
 /// Of a texture of one channel. The result has the source's column.
 pub fn new(
     resources: &Resources<'_>,
-    source: &Sums,
+    source: &SplatSums,
     sigma_px: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let reach = (REACH_SIGMAS * sigma_px).ceil();
     let pass = |source: &wgpu::Texture, along: IVec2| {
         let falloff = (-0.5 / (sigma_px * sigma_px)) as f32;
-        let settings = BlurUniforms { along, reach: reach as i32, falloff };
+        let settings = ShaftBlurUniforms { along, reach: reach as i32, falloff };
         let settings = resources.loop_settings(INFO.name, &settings);
-        let group = Group::new(&[&settings, source]);
+        let group = Bindings::new(&[&settings, source]);
         let (groups, targets) = ([&group], [kit::opaque(source.format())]);
         let spec = RenderSpec::new(INFO.name, &groups, &targets);
-        Pass::new(resources, &spec, kit::size_px(source), wgpu::Color::BLACK)
+        DrawPass::new(resources, &spec, kit::size_px(source), wgpu::Color::BLACK)
     };
     let rows = pass(&source.texture, IVec2::X)?;
     let columns = pass(rows.texture(), IVec2::Y)?;
@@ -50,9 +50,9 @@ pub fn new(
     };
     let blurred = columns.texture().clone();
     let stage = Stage::new(&INFO, work, move |scope| {
-        rows.render(scope, kit::cover);
-        columns.render(scope, kit::cover);
+        rows.render(scope, kit::draw_fullscreen);
+        columns.render(scope, kit::draw_fullscreen);
     });
     let column = source.column.clone();
-    Ok(stage.leaving(blurred).shown("blurred", "lines after the blur", vec![column]))
+    Ok(stage.with_output(blurred).dump_as("blurred", "lines after the blur", vec![column]))
 }

@@ -2,7 +2,7 @@
 
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::splatting::Sums;
+use crate::splatting::SplatSums;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shafts/lines",
@@ -26,17 +26,17 @@ pub fn new(
     depth: &wgpu::Texture,
     photon_w: f64,
     length_px: f64,
-) -> Result<Stage<Sums>, GpuError> {
+) -> Result<Stage<SplatSums>, GpuError> {
     let count = photons.count;
     let settings = ShaftUniforms { photon_w: photon_w as f32, photons: count };
     let settings = resources.uniform(INFO.name, &settings);
-    let groups = [&shared.group, &Group::new(&[&settings, photons, depth, weights])];
+    let groups = [&shared.group, &Bindings::new(&[&settings, photons, depth, weights])];
     let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
     let spec = RenderSpec {
         topology: wgpu::PrimitiveTopology::LineList,
         ..RenderSpec::new(INFO.name, &groups, &targets)
     };
-    let pass = Pass::new(resources, &spec, kit::size_px(depth), wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, kit::size_px(depth), wgpu::Color::BLACK)?;
     let fragments = (f64::from(count) * length_px) as u64;
     let work = Work {
         photons: count.into(),
@@ -53,8 +53,9 @@ pub fn new(
         "W",
         "flux of the photons whose lines cross the pixel, less what the medium took",
     );
-    let stage = pass.drawing(&INFO, work, move |pass| pass.draw(0..2, 0..count)).at_least(least);
-    let stage = stage.shown("lines", "lines before the blur", vec![column.clone()]);
-    let texture = stage.left.clone();
-    Ok(stage.leaving(Sums { texture, column }))
+    let stage =
+        pass.drawing(&INFO, work, move |pass| pass.draw(0..2, 0..count)).with_min_work(least);
+    let stage = stage.dump_as("lines", "lines before the blur", vec![column.clone()]);
+    let texture = stage.output.clone();
+    Ok(stage.with_output(SplatSums { texture, column }))
 }

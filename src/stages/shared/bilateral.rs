@@ -46,21 +46,21 @@ pub fn new(
     settings: &BilateralUniforms,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let filter = resources.loop_settings(info.name, settings);
-    let own = Group::new(&[&filter, visibility, depth, normal]);
+    let own = Bindings::new(&[&filter, visibility, depth, normal]);
     let (groups, targets) = ([&shared.group, &own], [kit::opaque(VISIBILITY_FORMAT)]);
     let spec = RenderSpec::new(info.name, &groups, &targets);
-    let pass = Pass::new(resources, &spec, kit::size_px(depth), wgpu::Color::WHITE)?;
+    let pass = DrawPass::new(resources, &spec, kit::size_px(depth), wgpu::Color::WHITE)?;
     // The pixel's normal, its depth and its four neighbours'; depth, visibility and, where they count, normal at each tap.
     let of_tap = if settings.normal_sigma < NO_NORMALS { 3 } else { 2 };
     let work = pass.work(6 + of_tap * u64::from(settings.taps), 2);
     // The background is not filtered.
     let least = pass.work(1, 2);
-    Ok(visible(pass.stage(info, work).at_least(least), "filtered"))
+    Ok(visible(pass.stage(info, work).with_min_work(least), "filtered"))
 }
 
 /// The stage with its buffer of [`VISIBILITY_FORMAT`] as an output.
 pub fn visible(stage: Stage<wgpu::Texture>, name: &str) -> Stage<wgpu::Texture> {
     let column = Column::new("visibility", "1", "share of the ambient light that arrives");
     let meaning = "visibility 1 − A of VAO Eq. 1; 1 where nothing was drawn";
-    stage.shown(name, meaning, vec![column])
+    stage.dump_as(name, meaning, vec![column])
 }

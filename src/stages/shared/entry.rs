@@ -13,9 +13,9 @@ const CELLS_PER_WAVE: f64 = 2.0;
 /// Room above crests and below troughs, so that a search begins in the air also with rounding.
 const BOUND_ROOM: f64 = 1.001;
 /// Most steps of a search: 64 of them cross four waves.
-const MOST_STEPS: u64 = 64;
+const MAX_STEPS: u64 = 64;
 /// Most turns of a search, which leaves others to what follows in the same invocation.
-const MOST_TURNS: u64 = 40_000;
+const MAX_ITERATIONS: u64 = 40_000;
 /// As in the shader.
 const REFINEMENTS: u64 = 8;
 
@@ -34,25 +34,25 @@ impl EntrySearch {
         Self {
             bound_m: water.bound_m() * BOUND_ROOM,
             step_m: shortest_m(water) / STEPS_PER_WAVE,
-            steps: (MOST_TURNS / step_turns(water)).min(MOST_STEPS),
+            steps: (MAX_ITERATIONS / step_iterations(water)).min(MAX_STEPS),
             newton_slant: (NEWTON_SLOPE / water.steepest()).min(f64::from(f32::MAX)),
         }
     }
 
     /// Turns of loops for any photon of a light, at most.
-    pub fn turns(&self, water: &Water, light: &LightFrame) -> u64 {
+    pub fn loop_bound(&self, water: &Water, light: &LightFrame) -> u64 {
         let slant = slant(light);
-        let height = 1 + water_turns(water);
+        let height = 1 + water_iterations(water);
         if slant <= self.newton_slant {
             return 1 + REFINEMENTS * height;
         }
         let steps = (2.0 * self.bound_m * slant / self.step_m).ceil() as u64;
-        height + steps.clamp(1, self.steps) * step_turns(water) + 1 + REFINEMENTS * height + 1
+        height + steps.clamp(1, self.steps) * step_iterations(water) + 1 + REFINEMENTS * height + 1
     }
 }
 
 /// Turns of loops that a height of the water takes.
-pub fn water_turns(water: &Water) -> u64 {
+pub fn water_iterations(water: &Water) -> u64 {
     match water.model {
         WaterModel::Circular | WaterModel::Directional => 0,
         WaterModel::Waves => water.waves.len() as u64 + 1,
@@ -60,8 +60,8 @@ pub fn water_turns(water: &Water) -> u64 {
 }
 
 /// Two heights of the water: at the step's end, and where the ray is lowest between.
-fn step_turns(water: &Water) -> u64 {
-    1 + 2 * water_turns(water)
+fn step_iterations(water: &Water) -> u64 {
+    1 + 2 * water_iterations(water)
 }
 
 /// Length of the shortest wave, metres.

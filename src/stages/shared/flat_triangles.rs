@@ -4,14 +4,14 @@
 use bytemuck::{Pod, Zeroable, cast_slice};
 use glam::Vec3;
 
-use crate::geometry::Part;
+use crate::geometry::Objects;
 use crate::kit::{Buffer, Resources};
 use fathom_scene::{Mesh, Scene};
 
 /// Host twin of `Corner` in `shaders/ldi/peel.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct Vertex {
+struct FlatVertex {
     position_m: [f32; 3],
     shading_normal: [f32; 3],
     material: u32,
@@ -27,16 +27,16 @@ pub struct FlatTriangles {
 }
 
 /// Unit normal of a triangle on the side of its vertices' normals; zero where it has no area.
-fn geometric_normal(corners: [Vertex; 3]) -> Vec3 {
+fn geometric_normal(corners: [FlatVertex; 3]) -> Vec3 {
     let [a, b, c] = corners.map(|corner| Vec3::from(corner.position_m));
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let outwards: Vec3 = corners.iter().map(|corner| Vec3::from(corner.shading_normal)).sum();
     if normal.dot(outwards) < 0.0 { -normal } else { normal }
 }
 
-fn append(vertices: &mut Vec<Vertex>, indices: &mut Vec<u32>, mesh: &Mesh, material: u32) {
+fn append(vertices: &mut Vec<FlatVertex>, indices: &mut Vec<u32>, mesh: &Mesh, material: u32) {
     let base = vertices.len();
-    let vertex = |(&position_m, &shading_normal)| Vertex {
+    let vertex = |(&position_m, &shading_normal)| FlatVertex {
         position_m,
         shading_normal,
         material,
@@ -59,7 +59,7 @@ fn append(vertices: &mut Vec<Vertex>, indices: &mut Vec<u32>, mesh: &Mesh, mater
     }
 }
 
-fn flat_triangles(scene: &Scene, part: Part) -> (Vec<Vertex>, Vec<u32>) {
+fn flat_triangles(scene: &Scene, part: Objects) -> (Vec<FlatVertex>, Vec<u32>) {
     let (mut vertices, mut indices) = (Vec::new(), Vec::new());
     for (object, material) in scene.objects.iter().zip(0..) {
         if part.holds(&object.material) {
@@ -70,7 +70,7 @@ fn flat_triangles(scene: &Scene, part: Part) -> (Vec<Vertex>, Vec<u32>) {
 }
 
 impl FlatTriangles {
-    pub fn new(resources: &Resources<'_>, scene: &Scene, part: Part) -> Self {
+    pub fn new(resources: &Resources<'_>, scene: &Scene, part: Objects) -> Self {
         let (vertices, indices) = flat_triangles(scene, part);
         let [of_vertices, of_indices] = [wgpu::BufferUsages::VERTEX, wgpu::BufferUsages::INDEX];
         Self {
@@ -81,7 +81,7 @@ impl FlatTriangles {
 
     pub fn layout() -> wgpu::VertexBufferLayout<'static> {
         wgpu::VertexBufferLayout {
-            array_stride: size_of::<Vertex>() as u64,
+            array_stride: size_of::<FlatVertex>() as u64,
             step_mode: wgpu::VertexStepMode::Vertex,
             attributes: &ATTRIBUTES,
         }
@@ -114,8 +114,8 @@ mod tests {
     fn each_triangle_begins_with_a_vertex_of_its_own_and_is_the_one_of_the_mesh() {
         for name in ["cornell", "glass", "port"] {
             let scene = Scene::load(name).unwrap();
-            let (vertices, indices) = flat_triangles(&scene, Part::Solid);
-            let solid = scene.objects.iter().filter(|o| Part::Solid.holds(&o.material));
+            let (vertices, indices) = flat_triangles(&scene, Objects::Solid);
+            let solid = scene.objects.iter().filter(|o| Objects::Solid.holds(&o.material));
             let corners: Vec<_> = solid
                 .flat_map(|o| o.mesh.indices.iter().map(|i| o.mesh.positions[*i as usize]))
                 .collect();

@@ -2,7 +2,7 @@
 
 /// What the camera sees at each pixel.
 #[derive(Clone)]
-pub struct GbufferTextures {
+pub struct GBuffer {
     pub albedo: wgpu::Texture,
     /// The specular coefficient in its fourth channel.
     pub normal: wgpu::Texture,

@@ -13,7 +13,7 @@ use fathom_scene::{Material, Object, Optics, Scene};
 /// Host twin of `SceneVertex` in `shaders/shared/surface.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct Vertex {
+struct SceneVertex {
     position_m: [f32; 3],
     normal: [f32; 3],
     material: u32,
@@ -36,7 +36,7 @@ shader_struct! {
 
 /// A choice among the scene's objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum Objects {
     /// What one cannot see through.
     Opaque,
     /// What refracts light.
@@ -45,7 +45,7 @@ pub enum Part {
     Solid,
 }
 
-impl Part {
+impl Objects {
     pub fn holds(self, material: &Material) -> bool {
         let glass = material.optics == Optics::Glass;
         match self {
@@ -89,10 +89,10 @@ fn joined(parts: &[Range<u32>], wanted: impl Fn(usize) -> bool) -> Vec<Range<u32
 }
 
 /// All objects' vertices, one object after the other.
-fn vertices(scene: &Scene) -> Vec<Vertex> {
-    let of = |(object, material): (&Object, u32)| -> Vec<Vertex> {
+fn vertices(scene: &Scene) -> Vec<SceneVertex> {
+    let of = |(object, material): (&Object, u32)| -> Vec<SceneVertex> {
         let corners = object.mesh.positions.iter().zip(&object.mesh.normals);
-        let vertex = |(&position_m, &normal)| Vertex { position_m, normal, material };
+        let vertex = |(&position_m, &normal)| SceneVertex { position_m, normal, material };
         corners.map(vertex).collect()
     };
     scene.objects.iter().zip(0..).flat_map(of).collect()
@@ -180,7 +180,7 @@ impl Geometry {
         let indices = resources.filled("scene indices", bytemuck::cast_slice(&corners), usage);
         let materials: Vec<_> = scene.objects.iter().map(material).collect();
         let materials = resources.structs("materials", &materials, Usage::STORAGE);
-        let [opaque, glass, solid] = [Part::Opaque, Part::Glass, Part::Solid]
+        let [opaque, glass, solid] = [Objects::Opaque, Objects::Glass, Objects::Solid]
             .map(|part| joined(&objects, |number| part.holds(&scene.objects[number].material)));
         let sizes = sizes(scene);
         Self { vertices, indices, corners, objects, opaque, glass, solid, materials, sizes }
@@ -194,21 +194,21 @@ impl Geometry {
     /// Layout of the vertex buffer; depth-only stages take the position alone.
     pub fn layout(position_only: bool) -> wgpu::VertexBufferLayout<'static> {
         wgpu::VertexBufferLayout {
-            array_stride: size_of::<Vertex>() as u64,
+            array_stride: size_of::<SceneVertex>() as u64,
             step_mode: wgpu::VertexStepMode::Vertex,
             attributes: &ATTRIBUTES[..if position_only { 1 } else { 3 }],
         }
     }
 
-    fn ranges(&self, part: Part) -> &[Range<u32>] {
+    fn ranges(&self, part: Objects) -> &[Range<u32>] {
         match part {
-            Part::Opaque => &self.opaque,
-            Part::Glass => &self.glass,
-            Part::Solid => &self.solid,
+            Objects::Opaque => &self.opaque,
+            Objects::Glass => &self.glass,
+            Objects::Solid => &self.solid,
         }
     }
 
-    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, part: Part) {
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, part: Objects) {
         for range in self.ranges(part) {
             self.draw_range(pass, range.clone());
         }
@@ -236,7 +236,7 @@ impl Geometry {
     }
 
     pub fn vertices(&self) -> u64 {
-        self.vertices.size() / size_of::<Vertex>() as u64
+        self.vertices.size() / size_of::<SceneVertex>() as u64
     }
 
     pub fn triangles(&self) -> u64 {
@@ -244,7 +244,7 @@ impl Geometry {
     }
 
     /// Those that [`Self::draw`] draws.
-    pub fn triangles_of(&self, part: Part) -> u64 {
+    pub fn triangles_of(&self, part: Objects) -> u64 {
         self.ranges(part).iter().map(|range| range.len() as u64).sum::<u64>() / 3
     }
 
@@ -257,7 +257,7 @@ impl Geometry {
 /// Bytes of all objects' vertices.
 fn vertex_bytes(scene: &Scene) -> u64 {
     let count: usize = scene.objects.iter().map(|o| o.mesh.positions.len()).sum();
-    count as u64 * size_of::<Vertex>() as u64
+    count as u64 * size_of::<SceneVertex>() as u64
 }
 
 #[cfg(test)]

@@ -23,11 +23,11 @@ pub fn new(
     geometry: &Geometry,
     size_px: [u32; 2],
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
-    let groups = [&shared.group, &Group::new(&[&geometry.materials])];
+    let groups = [&shared.group, &Bindings::new(&[&geometry.materials])];
     let targets = (&[wgpu::TextureFormat::Rgba16Float][..], 8 + 4);
     let drawn = kit::scene_stage(resources, info, &groups, geometry, targets, size_px)?;
     let radiance = drawn.0[0].clone();
-    let mut columns = Column::alike(["red", "green", "blue"], "W/(m² sr)", "radiance");
+    let mut columns = Column::many(["red", "green", "blue"], "W/(m² sr)", "radiance");
     columns.push(Column::new("covered", "1", "1 where geometry was drawn"));
-    Ok(drawn.leaving(radiance).shown("radiance", info.about, columns))
+    Ok(drawn.with_output(radiance).dump_as("radiance", info.about, columns))
 }

@@ -1,7 +1,7 @@
 //! What `caustics/filter` and `godrays/filter` are: a multi-tap low-pass with a kernel rotated per pixel. UW §3.5.
 
 use crate::prelude::*;
-use crate::splatting::Sums;
+use crate::splatting::SplatSums;
 
 pub const CAUSTICS: StageInfo = low_pass("caustics/filter");
 pub const GODRAYS: StageInfo = low_pass("godrays/filter");
@@ -35,12 +35,12 @@ shader_struct! {
 pub fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
-    source: &Sums,
+    source: &SplatSums,
     settings: &FilterUniforms,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let filter = resources.loop_settings(info.name, settings);
     let taps = u64::from(settings.taps);
-    let group = Group::new(&[&filter, &source.texture]);
+    let group = Bindings::new(&[&filter, &source.texture]);
     stage(resources, info, &[&group], source, [taps, taps])
 }
 
@@ -48,12 +48,12 @@ pub fn new(
 pub fn guided(
     resources: &Resources<'_>,
     info: &'static StageInfo,
-    source: &Sums,
+    source: &SplatSums,
     (shared, depth): (&Shared, &wgpu::Texture),
     settings: &GuidedUniforms,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let filter = resources.loop_settings(info.name, settings);
-    let group = Group::new(&[&filter, &source.texture, depth]);
+    let group = Bindings::new(&[&filter, &source.texture, depth]);
     // The pixel's depth and its four neighbours'; depth and light at each tap, but no light on another surface.
     let taps = u64::from(settings.taps);
     stage(resources, info, &[&shared.group, &group], source, [5 + 2 * taps, 5 + taps])
@@ -63,15 +63,15 @@ pub fn guided(
 fn stage(
     resources: &Resources<'_>,
     info: &'static StageInfo,
-    groups: &[&Group],
-    source: &Sums,
+    groups: &[&Bindings],
+    source: &SplatSums,
     [texels, least]: [u64; 2],
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let targets = [kit::opaque(source.texture.format())];
     let spec = RenderSpec::new(info.name, groups, &targets);
-    let pass = Pass::new(resources, &spec, kit::size_px(&source.texture), wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, kit::size_px(&source.texture), wgpu::Color::BLACK)?;
     let (work, least) = (pass.work(texels, 4), pass.work(least, 4));
     let meaning = "what the photons add up to, averaged over the low-pass's disc";
-    let stage = pass.stage(info, work).at_least(least);
-    Ok(stage.shown("filtered", meaning, vec![source.column.clone()]))
+    let stage = pass.stage(info, work).with_min_work(least);
+    Ok(stage.dump_as("filtered", meaning, vec![source.column.clone()]))
 }

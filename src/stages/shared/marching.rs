@@ -4,7 +4,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::prelude::*;
-use crate::slices::{Slice, most_turns, slices};
+use crate::slices::{Slice, loop_bound, slices};
 use crate::voxels::Voxels;
 use fathom_base::{choices, settings};
 use fathom_scene::Grid;
@@ -46,7 +46,7 @@ pub enum Guard {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Step {
+pub enum StepLength {
     /// r_max / N_samples: VAO §5.1.
     Paper,
     /// A number of voxels, as often as r_max holds it.
@@ -74,7 +74,7 @@ pub enum Occluder {
 /// Where a hit is taken to lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Hit {
+pub enum HitPoint {
     /// At the sample that exceeds the threshold: VAO §5.1.
     Sample,
     /// Where V, taken as linear between fifths of a step, crosses the threshold. They are sampled wherever V can exceed the threshold
@@ -82,7 +82,7 @@ pub enum Hit {
     Peak,
 }
 
-choices!(Attenuation, Estimator, Guard, Step, Sampling, Occluder, Hit);
+choices!(Attenuation, Estimator, Guard, StepLength, Sampling, Occluder, HitPoint);
 
 /// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
 pub const R_MAX_SHARE: f64 = 0.25;
@@ -112,7 +112,7 @@ settings! {
         /// Whether each ray's samples are moved along it by a random share of a step, which turns bands into noise. VAO §5.2.3.
         jitter: bool = false;
         /// What the step follows.
-        step: Step = Step::Voxel;
+        step: StepLength = StepLength::Voxel;
         /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel. The default was chosen from the map of
         /// errors, by the worst orientation and scene: docs/volume-ao.md.
         step_voxels: f64 = 1.0 => 0.01 ..= 100.0, "voxels";
@@ -125,7 +125,7 @@ settings! {
         shift_voxels: f64 = 0.0 => -1.0 ..= 1.0, "voxels";
         /// Where a hit is taken to lie. The default was chosen from the map of errors, by the worst orientation and scene:
         /// docs/volume-ao.md.
-        hit: Hit = Hit::Peak;
+        hit: HitPoint = HitPoint::Peak;
         /// How directions are drawn.
         sampling: Sampling = Sampling::Stratified;
         /// Draws other directions at every pixel.
@@ -176,31 +176,31 @@ impl Marching {
     }
 
     /// Distance of neighbouring samples of a ray, voxels.
-    pub fn step_in(&self, grid: &Grid) -> f64 {
+    pub fn step_voxels(&self, grid: &Grid) -> f64 {
         match self.step {
-            Step::Paper => self.r_max_voxels(grid) / f64::from(self.samples),
-            Step::Voxel => self.step_voxels,
+            StepLength::Paper => self.r_max_voxels(grid) / f64::from(self.samples),
+            StepLength::Voxel => self.step_voxels,
         }
     }
 
     /// Samples of a ray at most: the part of it that lies within the grid is no longer than the grid's diagonal.
     pub fn samples_in(&self, grid: &Grid) -> f64 {
         let diagonal = DVec3::from(grid.cells.map(f64::from)).length();
-        (self.r_max_voxels(grid).min(diagonal) / self.step_in(grid)).ceil()
+        (self.r_max_voxels(grid).min(diagonal) / self.step_voxels(grid)).ceil()
     }
 
     /// Turns of the shader's loops for a ray at most, the ones that find a loop's end included.
-    pub fn turns_of_ray(&self, grid: &Grid) -> u64 {
+    pub fn ray_iterations(&self, grid: &Grid) -> u64 {
         // One more lies behind the volume, and rounding of the ray's ends may add another.
         let samples = self.samples_in(grid) as u64 + 2;
-        let within = if self.hit == Hit::Peak { samples.saturating_mul(BETWEEN) } else { 0 };
+        let within = if self.hit == HitPoint::Peak { samples.saturating_mul(BETWEEN) } else { 0 };
         1 + (samples + 1).saturating_add(within)
     }
 
     pub fn uniforms(&self, grid: &Grid) -> MarchUniforms {
         MarchUniforms {
             r_max: self.r_max_voxels(grid) as f32,
-            step: self.step_in(grid) as f32,
+            step: self.step_voxels(grid) as f32,
             guard: self.guard.voxels() as f32,
             offset: self.offset_voxels as f32,
             shift: self.shift_voxels as f32,
@@ -218,7 +218,7 @@ impl Marching {
             ("GUARD", self.guard == Guard::Variable),
             ("SKIPPING", self.skipping),
             ("OPACITY", self.occluder == Occluder::Opacity),
-            ("PEAK", self.hit == Hit::Peak),
+            ("PEAK", self.hit == HitPoint::Peak),
             ("JITTER", self.jitter),
         ];
         let weight = match self.estimator {
@@ -244,14 +244,14 @@ impl Marching {
             return Err(GpuError::Limit("there is no volume to march through".into()));
         }
         let of_volume = |voxels: &Voxels| {
-            let of_ray = self.turns_of_ray(&voxels.grid);
+            let of_ray = self.ray_iterations(&voxels.grid);
             let slices = slices(self.rays, of_ray, 0);
-            resources.turns("samples of a ray", most_turns(&slices, of_ray, 0));
+            resources.iterations("samples of a ray", loop_bound(&slices, of_ray, 0));
             slices
         };
         let slices: Vec<Vec<Slice>> = volumes.iter().map(of_volume).collect();
         let sliced = slices.iter().any(|slices| slices.len() > 1);
-        let groups = |(voxels, slices): (&Voxels, Vec<Slice>)| -> Vec<Group> {
+        let groups = |(voxels, slices): (&Voxels, Vec<Slice>)| -> Vec<Bindings> {
             // A pass of a screen goes through all volumes, so that each needs its own.
             let sums = sliced.then(|| resources.storage("sums over rays", points * 4));
             let uniforms = resources.uniform("marching", &self.uniforms(&voxels.grid));
@@ -259,7 +259,7 @@ impl Marching {
             let group = |slice: &Slice| {
                 let slice = sliced.then(|| resources.loop_settings("marching", slice));
                 let Voxels { uniforms: grid, texture, .. } = voxels;
-                Group::new(&[&uniforms, grid, texture, &sampler]).and(&slice).and(&sums)
+                Bindings::new(&[&uniforms, grid, texture, &sampler]).and(&slice).and(&sums)
             };
             slices.iter().map(group).collect()
         };
@@ -272,7 +272,7 @@ pub struct MarchPasses {
     /// Some volume has several.
     sliced: bool,
     /// Bind group 1 of each volume's passes.
-    pub volumes: Vec<Vec<Group>>,
+    pub volumes: Vec<Vec<Bindings>>,
 }
 
 impl MarchPasses {
@@ -295,8 +295,8 @@ mod tests {
             r_max_m: 1.0,
             threshold: 0.5,
             offset_voxels: 0.0,
-            step: Step::Paper,
-            hit: Hit::Sample,
+            step: StepLength::Paper,
+            hit: HitPoint::Sample,
             ..Marching::default()
         }
     }
@@ -305,10 +305,10 @@ mod tests {
     fn steps_are_r_max_by_samples_or_voxels() {
         let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
         let mut marching = marching();
-        assert!((marching.step_in(&grid) - 1.25).abs() < 1e-12);
+        assert!((marching.step_voxels(&grid) - 1.25).abs() < 1e-12);
         assert_eq!(marching.samples_in(&grid), 8.0);
-        marching.step = Step::Voxel;
-        assert_eq!(marching.step_in(&grid), 0.5);
+        marching.step = StepLength::Voxel;
+        assert_eq!(marching.step_voxels(&grid), 0.5);
         assert_eq!(marching.samples_in(&grid), 20.0);
     }
 
@@ -316,11 +316,11 @@ mod tests {
     fn a_ray_longer_than_the_grid_samples_only_what_lies_within() {
         let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
         let mut marching = marching();
-        marching.step = Step::Voxel;
+        marching.step = StepLength::Voxel;
         marching.r_max_m = 1e4;
         // 32 √3 = 55.4 voxels, two samples each.
         assert_eq!(marching.samples_in(&grid), 111.0);
-        marching.step = Step::Paper;
+        marching.step = StepLength::Paper;
         assert_eq!(marching.samples_in(&grid), 1.0);
     }
 
@@ -330,7 +330,7 @@ mod tests {
         for name in names.chain(["COUNT", "SLICED"]) {
             for value in [0, 1] {
                 for shader in ["ao/march", "ao/query"] {
-                    link(&Folders::of(SHADERS), shader, &[(name, value)])
+                    link(&Folders::new(SHADERS), shader, &[(name, value)])
                         .unwrap_or_else(|e| panic!("{name}: {e}"));
                 }
             }

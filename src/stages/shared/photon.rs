@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::kit::{Resource, square_workgroups};
 use crate::prelude::*;
 use crate::uniforms::View;
-use fathom_gpu::{Gpu, MOST_LOOP_TURNS, read_buffer};
+use fathom_gpu::{Gpu, MAX_ITERATIONS, read_buffer};
 use fathom_scene::LightKind;
 
 pub const CAUSTICS: StageInfo = trace("caustics/trace", "UW §3.3");
@@ -161,7 +161,7 @@ impl Photons {
     /// Room for `per_ray` entries of each of `rays`.
     pub fn of_rays(resources: &Resources<'_>, label: &str, (rays, per_ray): (u32, u32)) -> Self {
         let count = rays.saturating_mul(per_ray);
-        Self { buffer: resources.room_for::<Photon>(label, count.into()), count, per_ray }
+        Self { buffer: resources.struct_storage::<Photon>(label, count.into()), count, per_ray }
     }
 
     /// Those of the last frame.
@@ -192,14 +192,14 @@ pub enum PhotonEstimator {
 fathom_base::choices!(PhotonEstimator);
 
 /// Steps of a search and crossings of a ray that are refined, as many as there is always room for: as in `shaders/shared/estimator.wgsl`.
-const FEWEST_STEPS: u32 = 128;
-const FEWEST_REFINED: u32 = 4;
+const MIN_STEPS: u32 = 128;
+const MIN_REFINED: u32 = 4;
 
 impl PhotonEstimator {
     /// Turns of loops that a photon has room for at least.
-    pub fn fewest_turns(self, iterations: u32) -> u32 {
+    pub fn min_iterations(self, iterations: u32) -> u32 {
         match self {
-            PhotonEstimator::Secant => FEWEST_STEPS + FEWEST_REFINED * iterations,
+            PhotonEstimator::Secant => MIN_STEPS + MIN_REFINED * iterations,
             PhotonEstimator::Paper => iterations,
         }
     }
@@ -252,18 +252,18 @@ impl TraceUniforms {
         if self.estimator == PhotonEstimator::Paper as u32 {
             return Self { search_turns: self.iterations, ..self.clone() };
         }
-        let fewest = PhotonEstimator::Secant.fewest_turns(self.iterations);
+        let fewest = PhotonEstimator::Secant.min_iterations(self.iterations);
         let diagonal_px = f64::from(shadow_px) * std::f64::consts::SQRT_2;
         let steps = (diagonal_px / f64::from(self.step_px)).ceil() as u32;
         let whole = steps.saturating_add((steps / 2).saturating_mul(self.iterations));
         let side = u64::from(self.side);
-        let room = (MOST_LOOP_TURNS / (side * side)).saturating_sub(entry + 5);
+        let room = (MAX_ITERATIONS / (side * side)).saturating_sub(entry + 5);
         let search_turns = fewest.max(whole.min(room as u32));
         Self { search_turns, ..self.clone() }
     }
 
     /// Turns of loops of a cell at most, where a photon's entry into the water takes `entry`.
-    fn turns(&self, entry: u64) -> u64 {
+    fn loop_bound(&self, entry: u64) -> u64 {
         let photon = entry + u64::from(self.search_turns) + 2;
         let side = u64::from(self.side);
         (side * (side * photon + 2)).saturating_add(1)
@@ -283,14 +283,14 @@ pub fn tracing(
 ) -> Result<Stage<Photons>, GpuError> {
     let name = info.name;
     let settings = &settings.with_search(depth.width(), shared.entry_turns);
-    let turns = settings.turns(shared.entry_turns);
-    resources.turns(&format!("{name}, subdivision × iterations"), turns);
+    let turns = settings.loop_bound(shared.entry_turns);
+    resources.iterations(&format!("{name}, subdivision × iterations"), turns);
     let side = if dynamic { 0 } else { settings.side as i32 };
     let defs = [("SIDE", side), shared.water_def()];
     let uniforms = resources.uniform(name, settings);
     let photons = Photons::new(resources, name, settings.photons());
     let texels = resources.nearest_sampler(name);
-    let groups = [&shared.group, &Group::new(&[&uniforms, depth, mask, &photons, &texels])];
+    let groups = [&shared.group, &Bindings::new(&[&uniforms, depth, mask, &photons, &texels])];
     let workgroups = square_workgroups([settings.grid; 2], WORKGROUP);
     let dispatch = Dispatch::new(resources, (name, &defs), &groups, workgroups)?;
     let count = u64::from(photons.count);
@@ -307,9 +307,9 @@ pub fn tracing(
     let tolerance_m = settings.tolerance_m;
     let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
     let row = move |floats: &[f32]| row(floats, &energy, tolerance_m);
-    let output = Output::rows("photons", "traced photons, cell by cell", columns(), rows, row);
-    let stage = Dispatch::stage([dispatch], info, work).at_least(least);
-    Ok(stage.output(output).leaving(photons))
+    let output = StageDump::rows("photons", "traced photons, cell by cell", columns(), rows, row);
+    let stage = Dispatch::stage([dispatch], info, work).with_min_work(least);
+    Ok(stage.dump(output).with_output(photons))
 }
 
 /// The columns of a stored photon: entry, direction, hit, distance, residual, converged, weight.
@@ -337,9 +337,9 @@ fn columns() -> Vec<Column> {
     let residual = "distance of the landing point from the surface that the light sees there; -1: never enters the water, -2: left the light's frustum or meets nothing";
     let weight =
         "share of photons.flux_w that enters the water with this photon; 0: never enters the water";
-    let mut columns = Column::alike(entry, "m", "where the photon meets the water");
-    columns.extend(Column::alike(direction, "1", refracted));
-    columns.extend(Column::alike(["hit_x_m", "hit_y_m", "hit_z_m"], "m", "where the photon lands"));
+    let mut columns = Column::many(entry, "m", "where the photon meets the water");
+    columns.extend(Column::many(direction, "1", refracted));
+    columns.extend(Column::many(["hit_x_m", "hit_y_m", "hit_z_m"], "m", "where the photon lands"));
     columns.extend([
         Column::new("distance_m", "m", "from entry to landing point"),
         Column::new("residual_m", "m", residual),

@@ -3,7 +3,7 @@
 
 use glam::Vec2;
 
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::prelude::*;
 
 /// Shafts of light over a picture.
@@ -26,7 +26,7 @@ shader_struct! {
 
 /// What a picture is made from, and how.
 pub struct Picture<'a> {
-    pub gbuffer: &'a GbufferTextures,
+    pub gbuffer: &'a GBuffer,
     pub exposure: f64,
     /// What a unit of the stage's own light comes to; 0 where it needs none.
     pub scale: f64,
@@ -35,7 +35,7 @@ pub struct Picture<'a> {
 
 impl<'a> Picture<'a> {
     /// For display.
-    pub fn new(gbuffer: &'a GbufferTextures, exposure: f64, scale: f64) -> Self {
+    pub fn new(gbuffer: &'a GBuffer, exposure: f64, scale: f64) -> Self {
         Self { gbuffer, exposure, scale, format: wgpu::TextureFormat::Rgba8Unorm }
     }
 
@@ -44,12 +44,17 @@ impl<'a> Picture<'a> {
     }
 
     /// Bind group 1: what all of these stages bind, and then `own`.
-    pub(crate) fn group(&self, resources: &Resources<'_>, label: &str, own: &[&dyn Bind]) -> Group {
-        let GbufferTextures { albedo, normal, depth } = self.gbuffer;
+    pub(crate) fn group(
+        &self,
+        resources: &Resources<'_>,
+        label: &str,
+        own: &[&dyn Bind],
+    ) -> Bindings {
+        let GBuffer { albedo, normal, depth } = self.gbuffer;
         let size_px = Vec2::from(self.size_px().map(|side| side as f32));
         let (exposure, scale) = (self.exposure as f32, self.scale as f32);
         let settings = resources.uniform(label, &PictureUniforms { size_px, exposure, scale });
-        Group::new(&[&settings, albedo, normal, depth]).and(own.iter().copied())
+        Bindings::new(&[&settings, albedo, normal, depth]).and(own.iter().copied())
     }
 
     /// The stage `info`, whose shader has its path. A pixel reads so many texels, and one of the background so many.
@@ -64,8 +69,8 @@ impl<'a> Picture<'a> {
         let groups = [&shared.group, &self.group(resources, info.name, own)];
         let targets = [kit::opaque(self.format)];
         let spec = RenderSpec::new((info.name, defs), &groups, &targets);
-        let pass = Pass::new(resources, &spec, self.size_px(), wgpu::Color::BLACK)?;
+        let pass = DrawPass::new(resources, &spec, self.size_px(), wgpu::Color::BLACK)?;
         let (work, least) = (pass.work(texels, 4), pass.work(least, 4));
-        Ok(pass.stage(info, work).at_least(least))
+        Ok(pass.stage(info, work).with_min_work(least))
     }
 }

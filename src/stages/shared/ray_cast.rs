@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
 use crate::scalar_field::ScalarField;
-use crate::slices::{Slice, most_turns, slices};
+use crate::slices::{Slice, loop_bound, slices};
 
 shader_struct! {
     /// `March` in `shaders/shared/ray_cast.wgsl`.
@@ -42,7 +42,7 @@ impl CastUniforms {
     }
 
     /// Turns of loops of a point's occlusion at most.
-    fn turns_of_point(&self) -> u64 {
+    fn point_iterations(&self) -> u64 {
         u64::from(self.rays) * (u64::from(self.samples) + 3) + 1
     }
 }
@@ -85,7 +85,7 @@ pub(crate) fn new(
         RenderSpec::new((info.name, &defs[..]), &[], &formats[..if normals { 3 } else { 2 }]);
     let raster = |slice: &Slice| {
         let slice = sliced.then(|| resources.loop_settings(info.name, slice));
-        let own = Group::new(&[&field.uniforms, &field.texture, &field.sampler, &uniforms]);
+        let own = Bindings::new(&[&field.uniforms, &field.texture, &field.sampler, &uniforms]);
         let groups = [&shared.group, &own.and(&slice).and(&states)];
         Raster::new(resources, &RenderSpec { groups: &groups, ..spec.clone() })
     };
@@ -100,10 +100,10 @@ pub(crate) fn new(
     let stage = Stage::new(info, work, move |scope| {
         canvas.series(scope, rasters.len(), |number, pass| {
             rasters[number].bind(pass);
-            kit::cover(pass);
+            kit::draw_fullscreen(pass);
         });
     });
-    Ok(stage.outputs(outputs(&cast)).leaving(cast))
+    Ok(stage.dumps(outputs(&cast)).with_output(cast))
 }
 
 /// The passes over the steps of view rays: one for an isosurface, where the rays of one point follow the steps. In a medium each
@@ -114,20 +114,20 @@ fn passes(
     field: &ScalarField,
     isosurface: bool,
 ) -> Vec<Slice> {
-    let (steps, of_point) = (settings.steps(field), settings.turns_of_point());
+    let (steps, of_point) = (settings.steps(field), settings.point_iterations());
     let label = "scalar.rays × scalar.samples";
     if isosurface {
         // Each ray may end in a surface that is halved towards too.
         let halved = (u64::from(settings.rays) + 1) * (HALVINGS + 2);
-        resources.turns(label, of_point + u64::from(steps) + halved);
+        resources.iterations(label, of_point + u64::from(steps) + halved);
         return vec![Slice { first: 0, end: steps }];
     }
     let slices = slices(steps, of_point + 1, 0);
-    resources.turns(label, most_turns(&slices, of_point + 1, 0));
+    resources.iterations(label, loop_bound(&slices, of_point + 1, 0));
     slices
 }
 
-fn outputs(cast: &Cast) -> Vec<Output> {
+fn outputs(cast: &Cast) -> Vec<StageDump> {
     let result = vec![
         Column::new("visibility", "1", "1 − A, weighted by contribution"),
         Column::new("opacity", "1", "share of the view that the field hides"),
@@ -135,12 +135,12 @@ fn outputs(cast: &Cast) -> Vec<Output> {
         Column::new("look_ups", "1", "look-ups in the field"),
     ];
     let normal = cast.normal.as_ref().map(|texture| {
-        let mut columns = Column::alike(["nx", "ny", "nz"], "1", "normal");
+        let mut columns = Column::many(["nx", "ny", "nz"], "1", "normal");
         columns.push(Column::new("covered", "1", "1 where there is a surface"));
         let meaning = "unit normal of the isosurface in the world's axes";
-        Output::texture("normal", meaning, columns, texture)
+        StageDump::texture("normal", meaning, columns, texture)
     });
     let met = "what each pixel's view ray met";
-    let result = Output::texture("result", met, result, &cast.result);
-    [Output::image(&cast.image), result].into_iter().chain(normal).collect()
+    let result = StageDump::texture("result", met, result, &cast.result);
+    [StageDump::image(&cast.image), result].into_iter().chain(normal).collect()
 }

@@ -38,22 +38,22 @@ pub struct Transfers {
 
 impl Transfers {
     pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
-        Self { buffer: resources.room_for::<Transfer>(label, count.into()), count }
+        Self { buffer: resources.struct_storage::<Transfer>(label, count.into()), count }
     }
 
     /// For dumps.
-    pub fn output(&self) -> Output {
+    pub fn output(&self) -> StageDump {
         let mut columns =
-            Column::alike(["x_m", "y_m", "z_m"], "m", "where the photon leaves the surface");
+            Column::many(["x_m", "y_m", "z_m"], "m", "where the photon leaves the surface");
         let state = "0 for a photon that never gets here, 4 for one that has ended";
         columns.push(Column::new("state", "1", state));
         let directions = ["direction_x", "direction_y", "direction_z"];
-        columns.extend(Column::alike(directions, "1", "unit direction behind the surface"));
+        columns.extend(Column::many(directions, "1", "unit direction behind the surface"));
         columns.push(Column::new("path_m", "m", "way under water that is behind it"));
         let meaning =
             "the transfer map: a photon a row, in the order of the light's grid or of the pixels";
         let rows = (&*self.buffer, size_of::<Transfer>() / 4, self.count);
-        Output::rows("transfers", meaning, columns, rows, <[f32]>::to_vec)
+        StageDump::rows("transfers", meaning, columns, rows, <[f32]>::to_vec)
     }
 }
 
@@ -84,10 +84,10 @@ impl Layers {
     }
 
     /// The nearest layer, for dumps.
-    pub fn output(&self) -> Output {
+    pub fn output(&self) -> StageDump {
         let column = Column::new("depth", "1", "normalised device depth of the camera");
         let meaning = "depth of the nearest layer, 0 near plane to 1 far plane";
-        Output::texture("depth", meaning, vec![column], &self.depths)
+        StageDump::texture("depth", meaning, vec![column], &self.depths)
     }
 
     pub fn size_px(&self) -> [u32; 2] {
@@ -115,7 +115,7 @@ pub enum HitTest {
 /// What a line of sight in glass is held against.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Surface {
+pub enum GlassSurface {
     /// The depths of the layer that it starts on and of the next, by lines, a row of pixels each: SPT §4. Two refractions.
     Depth,
     /// The same, of all layers: what the paper saves.
@@ -124,22 +124,22 @@ pub enum Surface {
     Plane,
 }
 
-fathom_base::choices!(HitTest, Surface);
+fathom_base::choices!(HitTest, GlassSurface);
 
 /// How rays are walked.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Walking {
+pub struct WalkRules {
     pub test: HitTest,
     /// Rays in glass, which end where they are out, in place of `test`: SPT §4.
-    pub in_glass: Option<Surface>,
+    pub in_glass: Option<GlassSurface>,
     pub tolerance_m: f64,
     pub start_m: f64,
     /// Fewest steps of a ray: SPT §2.1 enforces a minimum and does not say which.
-    pub least: u32,
+    pub min_steps: u32,
     /// Most rows of the target that lines are drawn into.
     pub rows: u32,
     /// Ways of a photon: one, and one behind each mirror or surface of glass. SPT §2.3.
-    pub ways: u32,
+    pub path_segments: u32,
     /// Most intersections of a ray that are kept, from its start on. 1: it ends at the first. SPT Fig. 3 shows the others.
     pub max_hits: u32,
     /// Pixels along each axis of the rectangle that holds the rays on the screen; none: all.
@@ -156,8 +156,8 @@ shader_struct! {
         pub size_px: Vec2,
         pub layers: u32,
         pub photons: u32,
-        pub least: u32,
-        pub most: u32,
+        pub min_steps: u32,
+        pub max_steps: u32,
         pub rows: u32,
         pub max_hits: u32,
     }
@@ -173,11 +173,11 @@ shader_struct! {
 }
 
 /// What rays are traced through, and what becomes of them.
-pub struct Rays<'a> {
+pub struct RayInputs<'a> {
     pub transfers: &'a Transfers,
     pub layers: &'a Layers,
     pub bounds: Bounds,
-    pub walking: Walking,
+    pub walking: WalkRules,
 }
 
 /// Share of the scene's size by which its box is larger, so that rays end behind what bounds it.
@@ -185,13 +185,13 @@ const ROOM: f64 = 0.01;
 /// The same in pixels of a view as wide as the scene: a plane is found up to a pixel behind it.
 const ROOM_PX: f64 = 2.0;
 
-fn most_steps([width, height]: [u32; 2], least: u32) -> u32 {
+fn max_steps([width, height]: [u32; 2], least: u32) -> u32 {
     (width.max(height) + 1).max(least)
 }
 
 /// Turns of loops of a ray at most: its steps, at each of which it is held against each layer of a pixel, or of one of four about an empty
 /// one. Planes that it crosses far from their pixel, which are few, are not counted.
-pub fn walk_turns(steps: u32, layers: u32) -> u64 {
+pub fn walk_iterations(steps: u32, layers: u32) -> u64 {
     1 + u64::from(steps) * (u64::from(layers) + 7)
 }
 
@@ -212,14 +212,14 @@ pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, least: u32) -> Wal
         size_px: Vec2::new(width as f32, height as f32),
         layers: 0,
         photons: 0,
-        least,
-        most: most_steps(size_px, least),
+        min_steps: least,
+        max_steps: max_steps(size_px, least),
         rows: 0,
         max_hits: 1,
     }
 }
 
-impl Rays<'_> {
+impl RayInputs<'_> {
     /// Rows of a tile.
     pub fn rows(&self) -> u32 {
         self.walking.rows.min(self.transfers.count).max(1)
@@ -231,9 +231,9 @@ impl Rays<'_> {
     }
 
     /// Most pixels that a ray covers along one axis of the screen.
-    pub fn most(&self) -> u32 {
+    pub fn max_steps(&self) -> u32 {
         let within_px = self.walking.within_px.unwrap_or(self.layers.size_px());
-        most_steps(within_px, self.walking.least)
+        max_steps(within_px, self.walking.min_steps)
     }
 
     pub fn uniforms(&self) -> WalkUniforms {
@@ -241,10 +241,10 @@ impl Rays<'_> {
             tolerance_m: self.walking.tolerance_m as f32,
             start_m: self.walking.start_m as f32,
             photons: self.transfers.count,
-            most: self.most(),
+            max_steps: self.max_steps(),
             rows: self.rows(),
             max_hits: self.walking.max_hits,
-            ..walk_uniforms(self.layers, self.bounds, self.walking.least)
+            ..walk_uniforms(self.layers, self.bounds, self.walking.min_steps)
         }
     }
 
@@ -254,7 +254,7 @@ impl Rays<'_> {
             (None, HitTest::Tolerance) => 0,
             (None, HitTest::Crossing) => 1,
             (None, HitTest::InOut) => 2,
-            (Some(Surface::AllDepths), _) => 4,
+            (Some(GlassSurface::AllDepths), _) => 4,
             (Some(_), _) => 3,
         };
         [("TEST", test)]
@@ -266,16 +266,16 @@ impl Rays<'_> {
         resources: &Resources<'_>,
         label: &str,
         photons: Option<&Photons>,
-    ) -> Group {
+    ) -> Bindings {
         let uniforms = resources.uniform(label, &self.uniforms());
         let Layers { depths, surfaces } = self.layers;
-        Group::new(&[&uniforms, self.transfers, depths, surfaces]).and(photons)
+        Bindings::new(&[&uniforms, self.transfers, depths, surfaces]).and(photons)
     }
 
     /// Work at most: every ray as long as the picture, every layer read at each step, all photons on all ways.
     pub fn work(&self) -> Work {
-        let photons = u64::from(self.transfers.count) * u64::from(self.walking.ways);
-        let steps = photons * u64::from(self.most());
+        let photons = u64::from(self.transfers.count) * u64::from(self.walking.path_segments);
+        let steps = photons * u64::from(self.max_steps());
         Work {
             photons,
             texel_fetches: steps * u64::from(self.layers.count()),
@@ -287,7 +287,7 @@ impl Rays<'_> {
 }
 
 /// Photons where their rays end, for dumps.
-pub fn output(photons: &Photons) -> Output {
+pub fn output(photons: &Photons) -> StageDump {
     let m = |name, meaning| Column::new(name, "m", meaning);
     let columns = vec![
         m("start_x_m", "where the ray starts"),
@@ -304,5 +304,5 @@ pub fn output(photons: &Photons) -> Output {
     ];
     let meaning = "photons and the first surface of the layers that each ray meets";
     let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
-    Output::rows("photons", meaning, columns, rows, <[f32]>::to_vec)
+    StageDump::rows("photons", meaning, columns, rows, <[f32]>::to_vec)
 }

@@ -1,7 +1,7 @@
-//! Long loops in several passes: an invocation makes at most [`MOST_LOOP_TURNS`] turns.
+//! Long loops in several passes: an invocation makes at most [`MAX_ITERATIONS`] turns.
 
 use crate::shader_struct;
-use fathom_gpu::MOST_LOOP_TURNS;
+use fathom_gpu::MAX_ITERATIONS;
 
 shader_struct! {
     /// `Slice` in `shaders/shared/slice.wgsl`: the turns of one pass.
@@ -15,14 +15,14 @@ shader_struct! {
 /// The slices of a loop of `count` turns, each of which takes so many turns with the loops within it. `beside` is what an invocation
 /// makes before and after.
 pub fn slices(count: u32, of_each: u64, beside: u64) -> Vec<Slice> {
-    let most = (MOST_LOOP_TURNS.saturating_sub(beside + 1) / of_each.max(1)).max(1);
+    let most = (MAX_ITERATIONS.saturating_sub(beside + 1) / of_each.max(1)).max(1);
     let most = u32::try_from(most).unwrap_or(u32::MAX);
     let slice = |first: u32| Slice { first, end: count.min(first.saturating_add(most)) };
     (0..count.max(1)).step_by(most as usize).map(slice).collect()
 }
 
 /// Turns of an invocation in the longest of the slices.
-pub fn most_turns(slices: &[Slice], of_each: u64, beside: u64) -> u64 {
+pub fn loop_bound(slices: &[Slice], of_each: u64, beside: u64) -> u64 {
     let longest = slices.iter().map(|slice| u64::from(slice.end - slice.first)).max();
     longest.unwrap_or(0).saturating_mul(of_each).saturating_add(beside + 1)
 }
@@ -37,7 +37,7 @@ mod tests {
     use fathom_base::embedded::{Folders, SHADERS};
     use fathom_gpu::{default_defs, link, shader_paths};
 
-    /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
+    /// Every shader with loops, and what keeps the turns of an invocation below [`MAX_ITERATIONS`].
     const HELD: &[(&str, &str)] = &[
         ("ao/bilateral", "1,024 taps"),
         ("ao/march", "slices of rays"),
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn every_shader_with_loops_says_what_bounds_them() {
-        let folders = Folders::of(SHADERS);
+        let folders = Folders::new(SHADERS);
         let paths = shader_paths(&folders);
         let with: BTreeSet<&str> =
             paths.iter().map(String::as_str).filter(|path| has_loops(&folders, path)).collect();
@@ -130,7 +130,7 @@ mod tests {
             assert_eq!(firsts[0], 0);
             assert!(ends.clone().zip(&firsts[1..]).all(|(end, first)| end == *first));
             assert_eq!(ends.next_back(), Some(count));
-            assert!(most_turns(&slices, of_each, 100) <= MOST_LOOP_TURNS);
+            assert!(loop_bound(&slices, of_each, 100) <= MAX_ITERATIONS);
         }
     }
 
@@ -138,6 +138,6 @@ mod tests {
     fn a_turn_that_is_too_long_alone_is_told() {
         let slices = slices(3, 100_000, 0);
         assert_eq!(slices.len(), 3);
-        assert!(most_turns(&slices, 100_000, 0) > MOST_LOOP_TURNS);
+        assert!(loop_bound(&slices, 100_000, 0) > MAX_ITERATIONS);
     }
 }

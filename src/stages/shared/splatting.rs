@@ -10,7 +10,7 @@ use crate::prelude::*;
 pub const PHOTONS_PER_INSTANCE: u32 = 4096;
 
 /// How a family draws its photons.
-pub struct Drawing<'a> {
+pub struct SplatDrawing<'a> {
     pub uniforms: &'a Buffer,
     pub size_px: [u32; 2],
     /// What else the shader is compiled with.
@@ -25,18 +25,18 @@ pub struct Drawing<'a> {
 
 /// What is drawn of photons, added up.
 #[derive(Clone)]
-pub struct Sums {
+pub struct SplatSums {
     pub texture: wgpu::Texture,
     /// What the texels hold.
     pub column: Column,
 }
 
 /// The stage, which leaves sums of this column.
-pub(crate) fn summing(stage: Stage<wgpu::Texture>, column: Column) -> Stage<Sums> {
+pub(crate) fn summing(stage: Stage<wgpu::Texture>, column: Column) -> Stage<SplatSums> {
     let meaning = "what the photons add up to, before the low-pass";
-    let stage = stage.shown("intensity", meaning, vec![column.clone()]);
-    let texture = stage.left.clone();
-    stage.leaving(Sums { texture, column })
+    let stage = stage.dump_as("intensity", meaning, vec![column.clone()]);
+    let texture = stage.output.clone();
+    stage.with_output(SplatSums { texture, column })
 }
 
 /// The stage `info`.
@@ -45,14 +45,14 @@ pub(crate) fn new(
     info: &'static StageInfo,
     shared: &Shared,
     (photons, scene_depth): (&Photons, &wgpu::Texture),
-    drawing: Drawing<'_>,
-) -> Result<Stage<Sums>, GpuError> {
-    let Drawing { uniforms, size_px, def, conserving, fragments, column } = drawing;
+    drawing: SplatDrawing<'_>,
+) -> Result<Stage<SplatSums>, GpuError> {
+    let SplatDrawing { uniforms, size_px, def, conserving, fragments, column } = drawing;
     let format = kit::accumulation_format(resources.gpu);
     let depth = resources.target(info.name, size_px, kit::DEPTH_FORMAT);
     let mut defs = vec![("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
     defs.extend(def);
-    let groups = [&shared.group, &Group::new(&[uniforms, photons, scene_depth])];
+    let groups = [&shared.group, &Bindings::new(&[uniforms, photons, scene_depth])];
     let targets = [kit::additive(format)];
     let tested = Depth {
         compare: wgpu::CompareFunction::LessEqual,
@@ -67,11 +67,11 @@ pub(crate) fn new(
     let depths = RenderSpec {
         vertex: "depth_vertex",
         fragment: Some("depth_fragment"),
-        targets: &[kit::unwritten(format)],
+        targets: &[kit::unwritten_target(format)],
         depth: Some(Depth { compare: wgpu::CompareFunction::Always, write: true, ..tested }),
         ..spec
     };
-    let pass = Pass::new(resources, &depths, size_px, wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &depths, size_px, wgpu::Color::BLACK)?;
     let (pixels, count) = (pass.pixels(), u64::from(photons.count));
     let work = Work {
         photons: count,
@@ -85,11 +85,11 @@ pub(crate) fn new(
     let least = Work { fragments: 0, bytes_written: pixels * 4, ..work };
     let quads = quads(resources, photons.count);
     let stage = pass.drawing(info, work, move |pass| {
-        kit::cover(pass);
+        kit::draw_fullscreen(pass);
         raster.follow(pass);
         quads(pass);
     });
-    Ok(summing(stage.at_least(least), column))
+    Ok(summing(stage.with_min_work(least), column))
 }
 
 /// Draws a quad for each photon.

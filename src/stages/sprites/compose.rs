@@ -1,6 +1,6 @@
 //! `sprites/compose`: the picture, lit by sprites and sky.
 
-use crate::gbuffer::GbufferTextures;
+use crate::gbuffer::GBuffer;
 use crate::picture::{Picture, Shafts};
 use crate::prelude::*;
 
@@ -11,7 +11,7 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 /// What is made of the light.
-pub enum Composed<'a> {
+pub enum SpriteOutput<'a> {
     /// A picture, with the water between the camera and what it sees.
     Picture { shafts: Option<Shafts<'a>>, exposure: f64 },
     /// The radiance of what the camera sees, without the water, W/(m² sr).
@@ -21,19 +21,21 @@ pub enum Composed<'a> {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    gbuffer: &GBuffer,
     irradiance: &wgpu::Texture,
-    composed: &Composed<'_>,
+    composed: &SpriteOutput<'_>,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let display = Picture::new(gbuffer, 0.0, 0.0);
     let (shafts, picture) = match composed {
-        Composed::Picture { shafts, exposure } => {
+        SpriteOutput::Picture { shafts, exposure } => {
             let scale = shafts.map_or(0.0, |shafts| shafts.scale);
             (*shafts, Picture { exposure: *exposure, scale, ..display })
         }
-        Composed::Dry => (None, Picture { format: wgpu::TextureFormat::Rgba16Float, ..display }),
+        SpriteOutput::Dry => {
+            (None, Picture { format: wgpu::TextureFormat::Rgba16Float, ..display })
+        }
     };
-    let dry = i32::from(matches!(composed, Composed::Dry));
+    let dry = i32::from(matches!(composed, SpriteOutput::Dry));
     let defs = [("DRY", dry), ("SHAFTS", i32::from(shafts.is_some()))];
     let mut own: Vec<&dyn Bind> = vec![irradiance];
     own.extend(shafts.map(|shafts| shafts.flux as &dyn Bind));

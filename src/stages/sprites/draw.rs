@@ -70,12 +70,12 @@ pub fn new(
     };
     let settings = resources.uniform(INFO.name, &settings);
     let Layers { depths, surfaces } = layers;
-    let own = Group::new(&[&settings, photons, depths, surfaces, seen, weights]);
+    let own = Bindings::new(&[&settings, photons, depths, surfaces, seen, weights]);
     let groups = [&shared.group, &own];
     let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
     let defs = [("FACING", i32::from(sprite.facing))];
     let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
-    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
     let count = u64::from(photons.count);
     let fragments = (f64::from(photons.count) * sprite.side_px.powi(2)) as u64;
     let work = Work {
@@ -88,7 +88,7 @@ pub fn new(
     };
     // Sprites may lie outside the picture.
     let least = Work { fragments: 0, bytes_written: 0, ..work };
-    let stage = pass.drawing(&INFO, work, quads(resources, photons.count)).at_least(least);
+    let stage = pass.drawing(&INFO, work, quads(resources, photons.count)).with_min_work(least);
     let meaning = "what the photons bring to the surface seen";
-    Ok(stage.shown("irradiance", meaning, vec![Column::new("irradiance", "W/m²", meaning)]))
+    Ok(stage.dump_as("irradiance", meaning, vec![Column::new("irradiance", "W/m²", meaning)]))
 }

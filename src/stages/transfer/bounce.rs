@@ -2,7 +2,7 @@
 
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::screen_ray::{self, Layers, Rays, Transfer};
+use crate::screen_ray::{self, Layers, RayInputs, Transfer};
 
 pub const INFO: StageInfo = StageInfo {
     name: "transfer/bounce",
@@ -27,13 +27,13 @@ const STEPS: u64 = 3;
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    rays: &Rays<'_>,
+    rays: &RayInputs<'_>,
     photons: &Photons,
     tiles: u32,
 ) -> Result<Stage, GpuError> {
     let count = rays.transfers.count;
     let rows = if tiles == 1 { count } else { rays.rows() };
-    let ways = rays.walking.ways;
+    let ways = rays.walking.path_segments;
     let walk = resources.uniform(INFO.name, &rays.uniforms());
     let defs = rays.defs();
     let turn = |turn: u32| {
@@ -44,7 +44,7 @@ pub fn new(
         };
         let settings = resources.uniform(INFO.name, &settings);
         let Layers { depths, surfaces } = rays.layers;
-        let own = Group::new(&[&settings, rays.transfers, photons, &walk, depths, surfaces]);
+        let own = Bindings::new(&[&settings, rays.transfers, photons, &walk, depths, surfaces]);
         let workgroups = kit::linear_workgroups(rows.into());
         Dispatch::new(resources, (INFO.name, &defs), &[&shared.group, &own], workgroups)
     };
@@ -63,6 +63,7 @@ pub fn new(
         scope.compute(|pass| dispatch.run(pass));
     });
     // Photons that have ended are passed over.
-    let stage = stage.at_least(Work::default()).in_turns(tiles * ways).spending_inputs(true);
-    Ok(stage.output(screen_ray::output(photons)))
+    let stage =
+        stage.with_min_work(Work::default()).with_iterations(tiles * ways).with_spent_inputs(true);
+    Ok(stage.dump(screen_ray::output(photons)))
 }

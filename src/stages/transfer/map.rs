@@ -20,7 +20,7 @@ shader_struct! {
 }
 
 /// What becomes of the light's photons at the water.
-pub struct Map {
+pub struct TransferMap {
     pub transfers: Transfers,
     /// Of each photon: its share of the flux that one in the middle of the light's frustum carries.
     pub weights: Buffer,
@@ -32,18 +32,18 @@ pub fn new(
     shared: &Shared,
     mask: &wgpu::Texture,
     settings: &MapUniforms,
-) -> Result<Stage<Map>, GpuError> {
+) -> Result<Stage<TransferMap>, GpuError> {
     let count = settings.grid.x * settings.grid.y;
     let transfers = Transfers::new(resources, INFO.name, count);
     let uniforms = resources.uniform(INFO.name, settings);
     let weights = resources.storage(INFO.name, u64::from(count) * 4);
-    let groups = [&shared.group, &Group::new(&[&uniforms, mask, &transfers, &weights])];
+    let groups = [&shared.group, &Bindings::new(&[&uniforms, mask, &transfers, &weights])];
     let defs = [shared.water_def(), shared.fresnel_def()];
     let workgroups = kit::linear_workgroups(count.into());
     let dispatch = Dispatch::new(resources, (INFO.name, &defs), &groups, workgroups)?;
     let photons = u64::from(count);
     let bytes_written = photons * (size_of::<Transfer>() as u64 + 4);
     let work = Work { photons, bytes_written, ..Work::default() };
-    let stage = Dispatch::stage([dispatch], &INFO, work).output(transfers.output());
-    Ok(stage.leaving(Map { transfers, weights }))
+    let stage = Dispatch::stage([dispatch], &INFO, work).dump(transfers.output());
+    Ok(stage.with_output(TransferMap { transfers, weights }))
 }

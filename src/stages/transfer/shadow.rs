@@ -34,7 +34,7 @@ pub fn new(
     let size_px = Vec2::from(size.map(|side| side as f32));
     let settings = ShadowUniforms { size_px, receivers_only: receivers_only.into() };
     let uniforms = resources.uniform(INFO.name, &settings);
-    let own = Group::new(&[&uniforms, &layers.depths, &layers.surfaces, &transfers]);
+    let own = Bindings::new(&[&uniforms, &layers.depths, &layers.surfaces, &transfers]);
     let (groups, workgroups) = ([&shared.group, &own], kit::square_workgroups(size, WORKGROUP));
     let dispatch = Dispatch::new(resources, INFO.name, &groups, workgroups)?;
     let rays = u64::from(transfers.count);
@@ -42,6 +42,6 @@ pub fn new(
     let work = Work { texel_fetches: 2 * rays, bytes_written, ..Work::default() };
     // The background has no texels but its depth.
     let least = Work { texel_fetches: rays, ..work };
-    let stage = Dispatch::stage([dispatch], &INFO, work).at_least(least);
-    Ok(stage.output(transfers.output()).leaving(transfers))
+    let stage = Dispatch::stage([dispatch], &INFO, work).with_min_work(least);
+    Ok(stage.dump(transfers.output()).with_output(transfers))
 }

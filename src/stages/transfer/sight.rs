@@ -23,12 +23,12 @@ pub fn new(
     let transfers = Transfers::new(resources, INFO.name, sight.count.element_product());
     let pairs = resources.image(INFO.name, size, wgpu::TextureFormat::Rg32Float);
     let uniforms = resources.uniform(INFO.name, sight);
-    let own = Group::new(&[&uniforms, &layers.depths, &layers.surfaces, &transfers, &pairs]);
+    let own = Bindings::new(&[&uniforms, &layers.depths, &layers.surfaces, &transfers, &pairs]);
     let (groups, workgroups) = ([&shared.group, &own], kit::square_workgroups(size, WORKGROUP));
     let dispatch = Dispatch::new(resources, INFO.name, &groups, workgroups)?;
     let (rays, pixels) = (u64::from(transfers.count), kit::pixels(&pairs));
     let bytes_written = rays * size_of::<Transfer>() as u64 + pixels * 8;
     let work = Work { texel_fetches: 2 * pixels + rays, bytes_written, ..Work::default() };
-    let stage = Dispatch::stage([dispatch], &INFO, work).output(transfers.output());
-    Ok(stage.leaving((transfers, Layers { depths: pairs, surfaces: layers.surfaces.clone() })))
+    let stage = Dispatch::stage([dispatch], &INFO, work).dump(transfers.output());
+    Ok(stage.with_output((transfers, Layers { depths: pairs, surfaces: layers.surfaces.clone() })))
 }

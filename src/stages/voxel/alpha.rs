@@ -1,6 +1,6 @@
 //! `voxel/alpha`: the largest alpha of the triangles that touch each voxel, and bits where it is not 0. VAO Fig. 6.
 
-use super::Part;
+use super::VoxelPart;
 use super::triangles::{self, Filled};
 use crate::geometry::Geometry;
 use crate::prelude::*;
@@ -14,7 +14,7 @@ pub const INFO: StageInfo = StageInfo {
 pub fn new(
     resources: &Resources<'_>,
     geometry: &Geometry,
-    parts: &[Part],
+    parts: &[VoxelPart],
 ) -> Result<Stage<Filled>, GpuError> {
     triangles::new(resources, &INFO, geometry, parts, true)
 }

@@ -19,7 +19,7 @@ pub fn new(
     volumes: &[(Voxels, [Buffer; 3])],
 ) -> Result<Stage, GpuError> {
     let dispatch = |(voxels, [x, y, z]): &(Voxels, [Buffer; 3])| {
-        let group = Group::new(&[&voxels.uniforms, x, y, z, &voxels.bits]);
+        let group = Bindings::new(&[&voxels.uniforms, x, y, z, &voxels.bits]);
         let workgroups = voxels.grid.cells.map(|n| n.div_ceil(CUBE));
         Dispatch::new(resources, INFO.name, &[&group], workgroups)
     };
@@ -30,5 +30,5 @@ pub fn new(
         ..Work::default()
     };
     let outputs = bit_volumes(volumes.iter().map(|(voxels, _)| voxels));
-    Ok(Dispatch::stage(dispatches, &INFO, work).outputs(outputs))
+    Ok(Dispatch::stage(dispatches, &INFO, work).dumps(outputs))
 }

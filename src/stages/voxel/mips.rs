@@ -54,7 +54,7 @@ fn workgroups(grid: &Grid, level: u32) -> [u32; 3] {
 }
 
 /// A volume's levels above the first: which, the dispatch, and where the level's rows start, bytes.
-struct Volume {
+struct VolumeLevels {
     levels: Vec<(u32, Dispatch, u64)>,
     rows: Buffer,
     voxels: Voxels,
@@ -63,7 +63,7 @@ struct Volume {
 /// The volumes' textures must have all levels. Volumes of a single voxel have none above the first and are left out.
 pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Stage, GpuError> {
     let tall = |voxels: &&Voxels| rows_bytes(&voxels.grid) > 0;
-    let volumes = volumes.iter().filter(tall).map(|voxels| Volume::new(resources, voxels));
+    let volumes = volumes.iter().filter(tall).map(|voxels| VolumeLevels::new(resources, voxels));
     let volumes = volumes.collect::<Result<Vec<_>, _>>()?;
     let cells = volumes.iter().flat_map(|volume| {
         let grid = &volume.voxels.grid;
@@ -83,7 +83,7 @@ pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Stage, GpuEr
             }
         });
         scope.copy(|encoder| {
-            for Volume { levels, rows, voxels } in &volumes {
+            for VolumeLevels { levels, rows, voxels } in &volumes {
                 for (level, _, offset) in levels {
                     let to = (*level, level_cells(&voxels.grid, *level));
                     rows::copy(encoder, (rows, *offset), &voxels.texture, to);
@@ -91,10 +91,10 @@ pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Stage, GpuEr
             }
         });
     });
-    Ok(stage.outputs(outputs))
+    Ok(stage.dumps(outputs))
 }
 
-impl Volume {
+impl VolumeLevels {
     fn new(resources: &Resources<'_>, voxels: &Voxels) -> Result<Self, GpuError> {
         let grid = &voxels.grid;
         let rows = resources.storage(INFO.name, rows_bytes(grid));
@@ -108,7 +108,7 @@ impl Volume {
                 size_word: (offset / 4) as u32,
             };
             let uniforms = resources.uniform(INFO.name, &uniforms);
-            let group = Group::new(&[&uniforms, &voxels.bits, &rows]);
+            let group = Bindings::new(&[&uniforms, &voxels.bits, &rows]);
             let defs = [("BASE", i32::from(level == 1))];
             let workgroups = workgroups(grid, level);
             let dispatch = Dispatch::new(resources, (INFO.name, &defs), &[&group], workgroups)?;

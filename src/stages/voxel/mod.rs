@@ -24,35 +24,35 @@ use fathom_gpu::OutputData;
 
 /// A volume, and the part of the scene's indices that is voxelized into it.
 #[derive(Clone)]
-pub struct Part {
+pub struct VoxelPart {
     pub voxels: Voxels,
     pub indices: Range<u32>,
 }
 
-impl Part {
+impl VoxelPart {
     fn triangles(&self) -> u64 {
         self.indices.len() as u64 / 3
     }
 }
 
-fn triangles(parts: &[Part]) -> u64 {
-    parts.iter().map(Part::triangles).sum()
+fn triangles(parts: &[VoxelPart]) -> u64 {
+    parts.iter().map(VoxelPart::triangles).sum()
 }
 
 /// Words of bits as an output: 32 bits a word, as two integers that a float holds exactly.
-fn words(name: &str, meaning: &str, buffer: &Buffer) -> Output {
+fn words(name: &str, meaning: &str, buffer: &Buffer) -> StageDump {
     let columns = vec![
         Column::new("low", "1", "bits 0 to 15 as an integer"),
         Column::new("high", "1", "bits 16 to 31 as an integer"),
     ];
-    Output::rows(name, meaning, columns, (buffer, 1, (buffer.size() / 4) as u32), |word| {
+    StageDump::rows(name, meaning, columns, (buffer, 1, (buffer.size() / 4) as u32), |word| {
         let bits = word[0].to_bits();
         vec![(bits & 0xffff) as f32, (bits >> 16) as f32]
     })
 }
 
 /// The bit volumes as outputs.
-fn bit_volumes<'a>(volumes: impl IntoIterator<Item = &'a Voxels>) -> Vec<Output> {
+fn bit_volumes<'a>(volumes: impl IntoIterator<Item = &'a Voxels>) -> Vec<StageDump> {
     let output = |(number, voxels): (usize, &Voxels)| {
         let meaning = "a bit for each voxel, x fastest, then y, then z";
         words(&format!("bits-{number}"), meaning, &voxels.bits)
@@ -61,8 +61,8 @@ fn bit_volumes<'a>(volumes: impl IntoIterator<Item = &'a Voxels>) -> Vec<Output>
 }
 
 /// A level of the volumes' textures as outputs.
-fn textures<'a>(volumes: impl IntoIterator<Item = &'a Voxels>, level: u32) -> Vec<Output> {
-    let output = |(number, voxels): (usize, &Voxels)| Output {
+fn textures<'a>(volumes: impl IntoIterator<Item = &'a Voxels>, level: u32) -> Vec<StageDump> {
+    let output = |(number, voxels): (usize, &Voxels)| StageDump {
         name: format!("volume-{number}-level-{level}"),
         meaning: "the volume's texture, 0 empty to 1 full".into(),
         columns: vec![Column::new("occupancy", "1", "1 where a surface is, or its opacity")],

@@ -3,7 +3,7 @@
 //! Akenine-Möller, *Fast 3D Triangle-Box Overlap Testing*, 2001; Schwarz and Seidel, *Fast Parallel Surface and Solid
 //! Voxelization on GPUs*, 2010, §3.
 
-use super::Part;
+use super::VoxelPart;
 use super::triangles::{self, Filled};
 use crate::geometry::Geometry;
 use crate::prelude::*;
@@ -17,7 +17,7 @@ pub const INFO: StageInfo = StageInfo {
 pub fn new(
     resources: &Resources<'_>,
     geometry: &Geometry,
-    parts: &[Part],
+    parts: &[VoxelPart],
 ) -> Result<Stage<Filled>, GpuError> {
     triangles::new(resources, &INFO, geometry, parts, false)
 }

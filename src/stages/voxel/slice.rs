@@ -5,8 +5,8 @@
 
 use std::ops::Range;
 
-use super::slicemap::Axis;
-use super::{Part, bit_volumes};
+use super::slicemap::SliceAxis;
+use super::{VoxelPart, bit_volumes};
 use crate::geometry::Geometry;
 use crate::kit::Raster;
 use crate::prelude::*;
@@ -21,7 +21,7 @@ pub const INFO: StageInfo = StageInfo {
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 
 /// A volume's axes: how each is drawn, into what, and how many slices it has.
-struct Volume {
+struct VolumeSlices {
     axes: [(Raster, wgpu::TextureView, u32); 3],
     indices: Range<u32>,
     gather: Dispatch,
@@ -30,11 +30,11 @@ struct Volume {
 pub fn new(
     resources: &Resources<'_>,
     geometry: &Geometry,
-    parts: &[Part],
+    parts: &[VoxelPart],
 ) -> Result<Stage, GpuError> {
-    let volumes = parts.iter().map(|part| Volume::new(resources, part));
+    let volumes = parts.iter().map(|part| VolumeSlices::new(resources, part));
     let volumes = volumes.collect::<Result<Vec<_>, _>>()?;
-    let drawn = |(volume, part): (&Volume, &Part)| {
+    let drawn = |(volume, part): (&VolumeSlices, &VoxelPart)| {
         volume.axes.iter().map(|axis| u64::from(axis.2)).sum::<u64>() * part.triangles()
     };
     let texels: u64 = parts.iter().map(|part| part.voxels.grid.count()).sum();
@@ -47,7 +47,7 @@ pub fn new(
     let geometry = geometry.clone();
     let stage = Stage::new(&INFO, work, move |scope| {
         let mut slices = Vec::new();
-        for Volume { axes, indices, .. } in &volumes {
+        for VolumeSlices { axes, indices, .. } in &volumes {
             for (raster, view, count) in axes {
                 slices.extend((0..*count).map(|slice| (raster, view, indices, slice)));
             }
@@ -65,16 +65,16 @@ pub fn new(
         });
         scope.compute(|pass| volumes.iter().for_each(|volume| volume.gather.run(pass)));
     });
-    Ok(stage.outputs(bit_volumes(parts.iter().map(|part| &part.voxels))))
+    Ok(stage.dumps(bit_volumes(parts.iter().map(|part| &part.voxels))))
 }
 
-impl Volume {
-    fn new(resources: &Resources<'_>, part: &Part) -> Result<Self, GpuError> {
-        let Part { voxels, indices } = part;
-        let textures =
-            Axis::ALL.map(|axis| resources.volume(INFO.name, axis.turned(&voxels.grid), FORMAT, 1));
-        let grid = Group::new(&[&voxels.uniforms]);
-        let draw = |axis: Axis| -> Result<_, GpuError> {
+impl VolumeSlices {
+    fn new(resources: &Resources<'_>, part: &VoxelPart) -> Result<Self, GpuError> {
+        let VoxelPart { voxels, indices } = part;
+        let textures = SliceAxis::ALL
+            .map(|axis| resources.volume(INFO.name, axis.slices(&voxels.grid), FORMAT, 1));
+        let grid = Bindings::new(&[&voxels.uniforms]);
+        let draw = |axis: SliceAxis| -> Result<_, GpuError> {
             let (defs, targets) = ([("AXIS", axis as i32)], [kit::opaque(FORMAT)]);
             let groups = [&grid];
             let spec = RenderSpec {
@@ -82,11 +82,11 @@ impl Volume {
                 ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
             };
             let view = kit::view(&textures[axis as usize]);
-            Ok((Raster::new(resources, &spec)?, view, axis.turned(&voxels.grid)[2]))
+            Ok((Raster::new(resources, &spec)?, view, axis.slices(&voxels.grid)[2]))
         };
-        let axes = [draw(Axis::X)?, draw(Axis::Y)?, draw(Axis::Z)?];
+        let axes = [draw(SliceAxis::X)?, draw(SliceAxis::Y)?, draw(SliceAxis::Z)?];
         let [x, y, z] = &textures;
-        let filled = Group::new(&[x, y, z, &voxels.bits]);
+        let filled = Bindings::new(&[x, y, z, &voxels.bits]);
         // An invocation for a word of the bit volume.
         let workgroups = kit::linear_workgroups(voxels.grid.words());
         let gather = Dispatch::new(resources, INFO.name, &[&grid, &filled], workgroups)?;

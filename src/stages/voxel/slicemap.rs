@@ -9,7 +9,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Part, triangles, words};
+use super::{VoxelPart, triangles, words};
 use crate::geometry::Geometry;
 use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
@@ -37,41 +37,41 @@ pub const INFO_Z: StageInfo = StageInfo {
 const DUMMY: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Axis {
+pub enum SliceAxis {
     X,
     Y,
     Z,
 }
 
-impl Axis {
-    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+impl SliceAxis {
+    pub const ALL: [SliceAxis; 3] = [SliceAxis::X, SliceAxis::Y, SliceAxis::Z];
 
     /// The stage's.
     pub fn info(self) -> &'static StageInfo {
         match self {
-            Axis::X => &INFO_X,
-            Axis::Y => &INFO_Y,
-            Axis::Z => &INFO_Z,
+            SliceAxis::X => &INFO_X,
+            SliceAxis::Y => &INFO_Y,
+            SliceAxis::Z => &INFO_Z,
         }
     }
 
     /// Columns and rows of the pass, and slices.
-    pub fn turned(self, grid: &Grid) -> [u32; 3] {
+    pub fn slices(self, grid: &Grid) -> [u32; 3] {
         self.turn(grid.cells)
     }
 
     /// A voxel's column, row and slice.
     pub fn turn(self, [x, y, z]: [u32; 3]) -> [u32; 3] {
         match self {
-            Axis::X => [y, z, x],
-            Axis::Y => [x, z, y],
-            Axis::Z => [x, y, z],
+            SliceAxis::X => [y, z, x],
+            SliceAxis::Y => [x, z, y],
+            SliceAxis::Z => [x, y, z],
         }
     }
 
     /// Size of a slicemap of 32 slices a word.
     pub fn slicemap_bytes(self, grid: &Grid) -> u64 {
-        let [columns, rows, slices] = self.turned(grid).map(u64::from);
+        let [columns, rows, slices] = self.slices(grid).map(u64::from);
         columns * rows * slices.div_ceil(32) * 4
     }
 }
@@ -92,7 +92,7 @@ fathom_base::choices!(Rasterizer);
 const SMALL_PIXELS: f64 = 64.0;
 /// Of a triangle that is turned: a thin one's box may be twice as long, and as wide. Triangles that stretch further are for the raster
 /// units.
-const MOST_TURNS: u64 = (2 * SMALL_PIXELS as u64).pow(2) + 1;
+const MAX_ITERATIONS: u64 = (2 * SMALL_PIXELS as u64).pow(2) + 1;
 
 /// A part's triangles by who rasterizes them: three indices each. None of no triangles.
 struct Split {
@@ -104,7 +104,7 @@ impl Split {
     fn new(
         resources: &Resources<'_>,
         geometry: &Geometry,
-        Part { voxels, indices }: &Part,
+        VoxelPart { voxels, indices }: &VoxelPart,
         rasterizer: Rasterizer,
     ) -> Self {
         let is_small = |triangle: usize| {
@@ -135,27 +135,27 @@ fn count(indices: &Buffer) -> u32 {
 pub fn new(
     resources: &Resources<'_>,
     geometry: &Geometry,
-    parts: &[Part],
+    parts: &[VoxelPart],
     rasterizer: Rasterizer,
 ) -> Result<[Stage<Vec<Buffer>>; 3], GpuError> {
     let split = |part| Split::new(resources, geometry, part, rasterizer);
     let splits: Vec<_> = parts.iter().map(split).collect();
     if splits.iter().any(|split| split.small.is_some()) {
-        resources.turns("small triangles", MOST_TURNS);
+        resources.iterations("small triangles", MAX_ITERATIONS);
     }
-    let [x, y, z] = Axis::ALL.map(|axis| along(resources, geometry, parts, &splits, axis));
+    let [x, y, z] = SliceAxis::ALL.map(|axis| along(resources, geometry, parts, &splits, axis));
     Ok([x?, y?, z?])
 }
 
 fn along(
     resources: &Resources<'_>,
     geometry: &Geometry,
-    parts: &[Part],
+    parts: &[VoxelPart],
     splits: &[Split],
-    axis: Axis,
+    axis: SliceAxis,
 ) -> Result<Stage<Vec<Buffer>>, GpuError> {
     let info = axis.info();
-    let (defs, targets) = ([("AXIS", axis as i32)], [kit::unwritten(DUMMY)]);
+    let (defs, targets) = ([("AXIS", axis as i32)], [kit::unwritten_target(DUMMY)]);
     let code = ("voxel/slicemap", &defs);
     let spec = RenderSpec {
         label: info.name,
@@ -164,16 +164,16 @@ fn along(
     };
     let (mut slicemaps, mut dispatches, mut draws) = (Vec::new(), Vec::new(), Vec::new());
     let mut largest = [1, 1];
-    for (Part { voxels, .. }, Split { small, large }) in parts.iter().zip(splits) {
+    for (VoxelPart { voxels, .. }, Split { small, large }) in parts.iter().zip(splits) {
         let slices = resources.storage(info.name, axis.slicemap_bytes(&voxels.grid));
-        let group = Group::new(&[&voxels.uniforms, &slices, &geometry.vertices]).and(small);
+        let group = Bindings::new(&[&voxels.uniforms, &slices, &geometry.vertices]).and(small);
         if let Some(small) = small {
             let workgroups = kit::linear_workgroups(u64::from(count(small) / 3));
             dispatches.push(Dispatch::new(resources, code, &[&group], workgroups)?);
         }
         if let Some(large) = large {
             let raster = Raster::new(resources, &RenderSpec { groups: &[&group], ..spec.clone() })?;
-            let [columns, rows, _] = axis.turned(&voxels.grid);
+            let [columns, rows, _] = axis.slices(&voxels.grid);
             largest = [columns.max(largest[0]), rows.max(largest[1])];
             draws.push((raster, [columns, rows].map(|side| side as f32), large.clone()));
         }
@@ -205,5 +205,5 @@ fn along(
     let meaning = "a bit for each slice, 32 slices a word; columns of the pass fastest, then rows";
     let output = |(number, slices)| words(&format!("slices-{number}"), meaning, slices);
     let outputs: Vec<_> = slicemaps.iter().enumerate().map(output).collect();
-    Ok(stage.at_least(least).outputs(outputs).leaving(slicemaps))
+    Ok(stage.with_min_work(least).dumps(outputs).with_output(slicemaps))
 }

@@ -5,11 +5,11 @@
 //! huge one.
 
 use super::clear::Cleared;
-use super::{Part, bit_volumes, triangles};
+use super::{VoxelPart, bit_volumes, triangles};
 use crate::geometry::Geometry;
 use crate::prelude::*;
 use crate::voxels::Voxels;
-use fathom_gpu::MOST_LOOP_TURNS;
+use fathom_gpu::MAX_ITERATIONS;
 use fathom_scene::Grid;
 
 /// Columns of voxels above which a triangle is large, and above which it is huge. Tuned on scenes bunny_dry and room, on a software
@@ -50,10 +50,10 @@ pub(super) fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     geometry: &Geometry,
-    parts: &[Part],
+    parts: &[VoxelPart],
     with_alpha: bool,
 ) -> Result<Stage<Filled>, GpuError> {
-    let run = |part: &Part| Run::new(resources, info.name, geometry, part, with_alpha);
+    let run = |part: &VoxelPart| VolumeRun::new(resources, info.name, geometry, part, with_alpha);
     let runs = parts.iter().map(run).collect::<Result<Vec<_>, _>>()?;
     let alphas: Vec<Buffer> = runs.iter().filter_map(|run| run.alphas.clone()).collect();
     let bits = parts.iter().map(|part| &part.voxels.bits);
@@ -70,14 +70,14 @@ pub(super) fn new(
         });
     });
     let outputs = bit_volumes(parts.iter().map(|part| &part.voxels));
-    Ok(stage.at_least(least).outputs(outputs).leaving(Filled { cleared, alphas }))
+    Ok(stage.with_min_work(least).dumps(outputs).with_output(Filled { cleared, alphas }))
 }
 
 /// The queue, small triangles, large ones.
 const STEPS: usize = 3;
 
 /// One volume's share.
-struct Run {
+struct VolumeRun {
     /// Of each step.
     dispatches: Vec<Dispatch>,
     alphas: Option<Buffer>,
@@ -86,21 +86,21 @@ struct Run {
 /// A line may take all voxels of each column, and an invocation all columns of a small triangle.
 fn small_columns(grid: &Grid) -> u32 {
     let longest = grid.cells.into_iter().max().unwrap_or(0);
-    SMALL_COLUMNS.min(MOST_LOOP_TURNS as u32 / (longest + COLUMN_TURNS as u32))
+    SMALL_COLUMNS.min(MAX_ITERATIONS as u32 / (longest + COLUMN_TURNS as u32))
 }
 
-impl Run {
+impl VolumeRun {
     fn new(
         resources: &Resources<'_>,
         name: &'static str,
         geometry: &Geometry,
-        part: &Part,
+        part: &VoxelPart,
         with_alpha: bool,
     ) -> Result<Self, GpuError> {
         let (voxels, triangles) = (&part.voxels, part.triangles());
-        let load = Load::of(geometry, part);
+        let load = WorkBound::count(geometry, part);
         let layers = load.layers();
-        resources.turns("triangles and voxels", load.turns(layers));
+        resources.iterations("triangles and voxels", load.loop_bound(layers));
         let batch = BatchUniforms {
             first_index: part.indices.start,
             triangles: triangles as u32,
@@ -113,7 +113,7 @@ impl Run {
         let alphas = with_alpha.then(|| resources.storage("voxel alphas", voxels.grid.count() * 4));
         let Voxels { uniforms, bits, .. } = voxels;
         let Geometry { vertices, indices, materials, .. } = geometry;
-        let group = Group::new(&[uniforms, &batch, vertices, indices, bits, &queue]);
+        let group = Bindings::new(&[uniforms, &batch, vertices, indices, bits, &queue]);
         let group = group.and(alphas.as_ref().map(|_| materials)).and(&alphas);
         let small = kit::linear_workgroups(triangles);
         let workgroups: [_; STEPS] = [[1, 1, 1], small, [LARGE_GROUPS, 1, layers as u32]];
@@ -127,19 +127,19 @@ impl Run {
 
 /// What the third dispatch has to do at most.
 #[derive(Default)]
-struct Load {
+struct WorkBound {
     large: u64,
     huge: u64,
     /// Columns of the largest triangle, and of all huge ones.
-    most_columns: u64,
+    max_columns: u64,
     huge_columns: u64,
     /// Those that are lines, whose planes bound no column, and the most turns of one: all voxels of the columns that it passes.
     lines: u64,
-    most_line_turns: u64,
+    max_line_iterations: u64,
 }
 
-impl Load {
-    fn of(geometry: &Geometry, part: &Part) -> Self {
+impl WorkBound {
+    fn count(geometry: &Geometry, part: &VoxelPart) -> Self {
         let grid = &part.voxels.grid;
         let mut cells = grid.cells.map(u64::from);
         cells.sort_unstable();
@@ -150,7 +150,7 @@ impl Load {
             let voxels = |side: f32| (STRETCH * f64::from(side) / grid.voxel_m).ceil() as u64 + 2;
             let [long, short] = size.sides_m.map(voxels).map(|side| side.min(cells[2]));
             let columns = long * short.min(cells[1]);
-            load.most_columns = load.most_columns.max(columns);
+            load.max_columns = load.max_columns.max(columns);
             if columns > LARGE_COLUMNS.into() {
                 load.huge += 1;
                 load.huge_columns = load.huge_columns.saturating_add(columns);
@@ -160,7 +160,7 @@ impl Load {
             if size.is_line && columns > SMALL_COLUMNS.into() {
                 load.lines += 1;
                 let turns = 2 * (long + short) * (long + COLUMN_TURNS);
-                load.most_line_turns = load.most_line_turns.max(turns);
+                load.max_line_iterations = load.max_line_iterations.max(turns);
             }
         }
         load
@@ -168,14 +168,14 @@ impl Load {
 
     /// Turns of an invocation in so many layers of the dispatch: all large triangles may have the most columns that one may have, and
     /// one layer's huge triangles may be the largest.
-    fn turns(&self, layers: u64) -> u64 {
+    fn loop_bound(&self, layers: u64) -> u64 {
         let share = |columns: u64, invocations: u64| columns.div_ceil(invocations) + 1;
         let large = self.large.div_ceil(u64::from(LARGE_GROUPS) * layers);
-        let columns = self.most_columns.min(LARGE_COLUMNS.into());
+        let columns = self.max_columns.min(LARGE_COLUMNS.into());
         let huge = self.huge.div_ceil(layers);
-        let huge_columns = self.huge_columns.min(huge.saturating_mul(self.most_columns));
+        let huge_columns = self.huge_columns.min(huge.saturating_mul(self.max_columns));
         let all = GROUP * u64::from(LARGE_GROUPS);
-        2 + self.lines.min(large + huge) * self.most_line_turns
+        2 + self.lines.min(large + huge) * self.max_line_iterations
             + large * (1 + COLUMN_TURNS * share(columns, GROUP))
             + huge * (1 + 2 * COLUMN_TURNS)
             + COLUMN_TURNS * (huge_columns / all)
@@ -184,7 +184,7 @@ impl Load {
     /// As few layers as keep to the turns that adapters make; the most where none do.
     fn layers(&self) -> u64 {
         let mut numbers = (0..16).map(|power| 1u64 << power);
-        numbers.find(|layers| self.turns(*layers) <= MOST_LOOP_TURNS).unwrap_or(1 << 15)
+        numbers.find(|layers| self.loop_bound(*layers) <= MAX_ITERATIONS).unwrap_or(1 << 15)
     }
 }
 
@@ -195,16 +195,17 @@ mod tests {
     /// The poles of a ball: no layer makes one line shorter, and each workgroup takes few.
     #[test]
     fn many_short_lines_take_few_layers() {
-        let poles = Load {
+        let poles = WorkBound {
             large: 9216,
             lines: 192,
-            most_columns: 100,
-            most_line_turns: 2 * (11 + 11) * (11 + COLUMN_TURNS),
-            ..Load::default()
+            max_columns: 100,
+            max_line_iterations: 2 * (11 + 11) * (11 + COLUMN_TURNS),
+            ..WorkBound::default()
         };
         let layers = poles.layers();
-        assert!(layers <= 2 && poles.turns(layers) <= MOST_LOOP_TURNS, "{layers}");
-        let long = Load { lines: 1, large: 1, most_line_turns: 2 * MOST_LOOP_TURNS, ..poles };
-        assert!(long.turns(long.layers()) > MOST_LOOP_TURNS, "a line that is too long passes");
+        assert!(layers <= 2 && poles.loop_bound(layers) <= MAX_ITERATIONS, "{layers}");
+        let long =
+            WorkBound { lines: 1, large: 1, max_line_iterations: 2 * MAX_ITERATIONS, ..poles };
+        assert!(long.loop_bound(long.layers()) > MAX_ITERATIONS, "a line that is too long passes");
     }
 }

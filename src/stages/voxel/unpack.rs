@@ -19,7 +19,7 @@ pub enum Packed {
 }
 
 impl Packed {
-    fn of<'a>(&'a self, volumes: &'a [Voxels]) -> Vec<&'a Buffer> {
+    fn buffers<'a>(&'a self, volumes: &'a [Voxels]) -> Vec<&'a Buffer> {
         match self {
             Packed::Bits => volumes.iter().map(|voxels| &voxels.bits).collect(),
             Packed::Alphas(alphas) => alphas.iter().collect(),
@@ -34,9 +34,9 @@ pub fn new(
 ) -> Result<Stage, GpuError> {
     let defs = [("ALPHA", i32::from(matches!(packed, Packed::Alphas(_))))];
     let (mut dispatches, mut copies) = (Vec::new(), Vec::new());
-    for (voxels, packed) in volumes.iter().zip(packed.of(volumes)) {
+    for (voxels, packed) in volumes.iter().zip(packed.buffers(volumes)) {
         let rows = resources.storage(INFO.name, rows::bytes(voxels.grid.cells));
-        let group = Group::new(&[&voxels.uniforms, packed, &rows]);
+        let group = Bindings::new(&[&voxels.uniforms, packed, &rows]);
         let [x, y, z] = voxels.grid.cells.map(u64::from);
         // An invocation for 32 voxels of a row.
         let workgroups = kit::linear_workgroups(x.div_ceil(32) * y * z);
@@ -45,7 +45,7 @@ pub fn new(
     }
     let texels: u64 = volumes.iter().map(|voxels| voxels.grid.count()).sum();
     let work = Work {
-        bytes_read: packed.of(volumes).iter().map(|buffer| buffer.size()).sum(),
+        bytes_read: packed.buffers(volumes).iter().map(|buffer| buffer.size()).sum(),
         // To the rows and to the texture.
         bytes_written: 2 * texels,
         ..Work::default()
@@ -58,5 +58,5 @@ pub fn new(
             }
         });
     });
-    Ok(stage.outputs(super::textures(volumes, 0)))
+    Ok(stage.dumps(super::textures(volumes, 0)))
 }

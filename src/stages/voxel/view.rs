@@ -32,7 +32,7 @@ pub fn new(
         ..RenderSpec::new(INFO.name, &[], &targets)
     };
     let raster = |voxels: &Voxels| {
-        let groups = [&shared.group, &Group::new(&[&voxels.uniforms, &voxels.bits])];
+        let groups = [&shared.group, &Bindings::new(&[&voxels.uniforms, &voxels.bits])];
         Raster::new(resources, &RenderSpec { groups: &groups, ..spec.clone() })
     };
     let rasters = volumes.iter().map(raster).collect::<Result<Vec<_>, _>>()?;
@@ -50,11 +50,11 @@ pub fn new(
         canvas.render(scope, |pass| {
             for raster in &rasters {
                 raster.bind(pass);
-                kit::cover(pass);
+                kit::draw_fullscreen(pass);
             }
         });
     });
-    let stage = stage.at_least(least).leaving(picture.clone());
+    let stage = stage.with_min_work(least).with_output(picture.clone());
     let columns = Column::display("display value");
-    Ok(stage.shown("cubes", "the voxels as cubes", columns).leaving(Cubes { picture, depth }))
+    Ok(stage.dump_as("cubes", "the voxels as cubes", columns).with_output(Cubes { picture, depth }))
 }

@@ -1,6 +1,6 @@
 //! Where the first sample of a ray lies beyond another surface: points near the edge of two half planes. VAO §6.1, Fig. 10.
 
-use super::orientations::{Body, Turned, defaults, half_planes, orientation, shift};
+use super::orientations::{Body, TurnedBody, defaults, half_planes, orientation, shift};
 use crate::prelude::*;
 use fathom_stages::ao::query::INFO;
 
@@ -34,7 +34,7 @@ fn check(rig: &Rig<'_>, (angle_deg, bounds): (f64, [f64; 5])) -> Result<Check> {
         let bounds = bounds.iter().skip(nearer);
         largest(worst.iter().zip(bounds).map(|(error, bound)| -error - bound))
     };
-    let check = Check::of(rig, title(angle_deg) + ": A less than documented")
+    let check = Check::new(rig, title(angle_deg) + ": A less than documented")
         .within((ROUNDING, "1"), beyond(0))
         .control("held against the figures of the next distance", beyond(1));
     let with = |check: Check, (error, voxels): (&f64, f64)| {
@@ -53,10 +53,10 @@ fn worst(rig: &Rig<'_>, angle_deg: f64) -> Result<Vec<f64>> {
         for number in 0..ORIENTATIONS {
             let (turn, shift) = (orientation(number, &mut random), shift(&mut random));
             let body = |points| Body { mesh: mesh.clone(), points };
-            let voxel_m = Turned::new(&body(Vec::new()), turn, shift)?.voxel_m(&params)?;
+            let voxel_m = TurnedBody::new(&body(Vec::new()), turn, shift)?.voxel_m(&params)?;
             let point = |_| (DVec3::new(voxels * voxel_m, 0.0, random.within(-0.6, 0.6)), DVec3::Y);
             let points = (0..POINTS).map(point).collect();
-            let errors = Turned::new(&body(points), turn, shift)?.errors(rig, &params)?;
+            let errors = TurnedBody::new(&body(points), turn, shift)?.errors(rig, &params)?;
             least = least.min(mean(errors));
         }
         Ok(least)

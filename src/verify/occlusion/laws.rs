@@ -1,7 +1,7 @@
 //! `ao/query` against closed forms: a plane, a corner, a ball overhead.
 
 use super::*;
-use fathom_reference::occlusion::beside_wall;
+use fathom_reference::occlusion::occlusion_beside_wall;
 use fathom_stages::ao::query::INFO;
 
 /// Voxels a side: twice r_max and room around it.
@@ -40,7 +40,7 @@ fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
 }
 
 /// A of these points over a volume.
-fn found(
+fn run_query(
     rig: &Rig<'_>,
     inside: impl Fn(DVec3) -> bool,
     points: &[(DVec3, DVec3)],
@@ -53,9 +53,9 @@ fn found(
 fn plane(rig: &Rig<'_>) -> Result<Check> {
     let run = |guard| {
         let settings = Marching { guard, ..marching(settings) };
-        found(rig, is_floor, &floor_points(0.0), &settings)
+        run_query(rig, is_floor, &floor_points(0.0), &settings)
     };
-    Ok(Check::of(rig, "largest A of a plane")
+    Ok(Check::new(rig, "largest A of a plane")
         .within((1e-6, "1"), largest(run(Guard::Variable)?))
         .control("constant guard of a voxel's diagonal", largest(run(Guard::Voxel)?))
         .with("mean_with_guard_of_seven_voxels", mean(run(Guard::SevenVoxels)?))
@@ -67,10 +67,12 @@ fn corner(rig: &Rig<'_>) -> Checks {
     let is_corner = |p| is_floor(p) || is_wall(p);
     let check = |(x_voxels, tolerance): (f64, f64)| {
         // Of a floor beside a wall that is far higher than r_max.
-        let beside = |x_voxels: f64| beside_wall(x_voxels / R_MAX, reference::Attenuation::Hard);
+        let beside =
+            |x_voxels: f64| occlusion_beside_wall(x_voxels / R_MAX, reference::Obscurity::Hard);
         let (expected, other) = (beside(x_voxels - 0.03), beside(x_voxels + 6.0));
-        let measured = mean(found(rig, is_corner, &floor_points(x_voxels), &marching(settings))?);
-        Ok(Check::of(rig, format!("A in a corner, {x_voxels} voxels from the wall"))
+        let measured =
+            mean(run_query(rig, is_corner, &floor_points(x_voxels), &marching(settings))?);
+        Ok(Check::new(rig, format!("A in a corner, {x_voxels} voxels from the wall"))
             .within((tolerance, "1"), (measured - expected).abs())
             .control("the wall six voxels away", (measured - other).abs())
             .with("expected", expected))
@@ -85,11 +87,11 @@ fn ball(rig: &Rig<'_>) -> Result<Check> {
     let radius = 12.0 * VOXEL_M;
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
     let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
-    let a = found(rig, |p| is_floor(p) || is_ball(p), &points, &marching(settings))?[0];
+    let a = run_query(rig, |p| is_floor(p) || is_ball(p), &points, &marching(settings))?[0];
     let law = |radius: f64| (radius / center.y).powi(2);
     // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
     let tolerance = law(radius + VOXEL_M) - law(radius);
-    Ok(Check::of(rig, "A below a ball")
+    Ok(Check::new(rig, "A below a ball")
         .within((tolerance, "1"), (a - law(radius)).abs())
         .control("radius 1.3 times", (a - law(1.3 * radius)).abs())
         .with("expected", law(radius)))
@@ -105,7 +107,7 @@ fn ceiling(rig: &Rig<'_>) -> Result<Check> {
     let heights: Vec<f64> = (0..SHIFTS).map(|i| f64::from(i) / f64::from(SHIFTS)).collect();
     let points: Vec<_> =
         heights.iter().map(|y| (DVec3::new(0.3, *y, 0.7) * VOXEL_M, DVec3::Y)).collect();
-    let errors = |hit: Option<Hit>| -> Result<f64> {
+    let errors = |hit: Option<HitPoint>| -> Result<f64> {
         let settings = marching(|m| {
             m.r_max_m = R_MAX * VOXEL_M;
             m.rays = 256;
@@ -115,10 +117,10 @@ fn ceiling(rig: &Rig<'_>) -> Result<Check> {
         // V reaches the threshold before the layer's middle.
         let before = 1.0 - settings.threshold + settings.offset_voxels;
         let law = |y: &f64| 1.0 - ((layer - before - y) / R_MAX).powi(2);
-        let found = found(rig, is_ceiling, &points, &settings)?;
+        let found = run_query(rig, is_ceiling, &points, &settings)?;
         Ok(largest(found.iter().zip(&heights).map(|(a, y)| (a - law(y)).abs())))
     };
-    Ok(Check::of(rig, "A below a ceiling of a voxel, largest error at 16 places within a voxel")
+    Ok(Check::new(rig, "A below a ceiling of a voxel, largest error at 16 places within a voxel")
         .within((0.02, "1"), errors(None)?)
-        .control("hits at whole steps only", errors(Some(Hit::Sample))?))
+        .control("hits at whole steps only", errors(Some(HitPoint::Sample))?))
 }

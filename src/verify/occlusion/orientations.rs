@@ -2,12 +2,12 @@
 //! marched as a user's scene would be.
 
 use crate::prelude::*;
-use fathom_pipelines::settings::{Method, R_MAX_SHARE};
+use fathom_pipelines::settings::{R_MAX_SHARE, VoxelMethod};
 use fathom_pipelines::volume_ao::{Params, occlusion_at};
-use fathom_reference::occlusion::{Attenuation, occlusion};
+use fathom_reference::occlusion::{Obscurity, occlusion};
 use fathom_scene::surface;
 use fathom_stages::ao::query::{INFO, SurfacePoint};
-use fathom_stages::marching::{Guard, Hit};
+use fathom_stages::marching::{Guard, HitPoint};
 
 /// Points on each body.
 const POINTS: u32 = 48;
@@ -21,7 +21,7 @@ const VOXEL_M: f64 = EDGE_M / 128.0;
 /// Of the axis-aligned at several places in the grid, the two that leaked most, and random ones.
 const ORIENTATIONS: u32 = 15;
 /// Those in which a control is run: it need fail in one. The two that are slanted by rule, and some random ones.
-const OF_CONTROL: std::ops::Range<usize> = 4..9;
+const CONTROL_BODIES: std::ops::Range<usize> = 4..9;
 
 /// Triangles of a body at rest, and points on it with their normals.
 pub struct Body {
@@ -29,32 +29,32 @@ pub struct Body {
     pub points: Vec<(DVec3, DVec3)>,
 }
 
-type Make = fn(&mut Random) -> Body;
+type MakeBody = fn(&mut Random) -> Body;
 
 /// Settings with which the check must fail.
 #[derive(Clone, Copy)]
-struct Control {
+struct BrokenSetting {
     name: &'static str,
     change: fn(&mut Params),
 }
 
 /// The volume of VAO §4.2 with the threshold that was the default before: it has gaps where it is slanted.
-const GAPS: Control = Control {
+const GAPS: BrokenSetting = BrokenSetting {
     name: "volume from slicemaps, threshold 0.55",
     change: |params| {
-        params.voxel.method = Method::Slicemap;
+        params.voxel.method = VoxelMethod::Slicemap;
         params.ao.threshold = 0.55;
         params.ao.offset_voxels = 0.25;
-        params.ao.hit = Hit::Sample;
+        params.ao.hit = HitPoint::Sample;
     },
 };
 
 /// Fig. 3a.
-const UNGUARDED: Control =
-    Control { name: "no guard", change: |params| params.ao.guard = Guard::None };
+const UNGUARDED: BrokenSetting =
+    BrokenSetting { name: "no guard", change: |params| params.ao.guard = Guard::None };
 
 /// RMS error of A that is allowed over the points of a body in one orientation: above the largest seen, below the control's.
-const BODIES: [(&str, f64, Control, Make); 6] = [
+const BODIES: [(&str, f64, BrokenSetting, MakeBody); 6] = [
     ("ceiling", 0.05, GAPS, ceiling),
     ("corner", 0.03, GAPS, |random| wedge(random, 90.0)),
     ("half planes at 30°", 0.05, GAPS, |random| wedge(random, 30.0)),
@@ -64,26 +64,26 @@ const BODIES: [(&str, f64, Control, Make); 6] = [
 ];
 
 pub fn cases() -> Vec<Case> {
-    let what = |(name, ..): (&str, f64, Control, Make)| format!("orientations, {name}");
+    let what = |(name, ..): (&str, f64, BrokenSetting, MakeBody)| format!("orientations, {name}");
     Case::each(INFO.name, BODIES, what, check).collect()
 }
 
 /// The largest RMS error over the orientations with the defaults and with the control's settings.
 fn check(
     rig: &Rig<'_>,
-    (name, tolerance, control, make): (&str, f64, Control, Make),
+    (name, tolerance, control, make): (&str, f64, BrokenSetting, MakeBody),
 ) -> Result<Check> {
     let default = defaults()?;
     let mut other = default.clone();
     (control.change)(&mut other);
     let turned = turned(make)?;
-    let errors = |params: &Params, turned: &[Turned]| {
+    let errors = |params: &Params, turned: &[TurnedBody]| {
         let errors = turned.iter().map(|turned| turned.rms_error(rig, params));
         errors.collect::<Result<Vec<f64>>>()
     };
-    let [default, other] = [errors(&default, &turned)?, errors(&other, &turned[OF_CONTROL])?];
+    let [default, other] = [errors(&default, &turned)?, errors(&other, &turned[CONTROL_BODIES])?];
     let what = format!("{name}, {ORIENTATIONS} orientations: largest RMS error of A");
-    Ok(Check::of(rig, what)
+    Ok(Check::new(rig, what)
         .within((tolerance, "1"), largest(default.iter().copied()))
         .control(control.name, largest(other))
         .with("over_all_orientations", rms(default)))
@@ -97,13 +97,13 @@ pub fn defaults() -> Result<Params> {
 }
 
 /// A body in all orientations.
-fn turned(make: Make) -> Result<Vec<Turned>> {
+fn turned(make: MakeBody) -> Result<Vec<TurnedBody>> {
     let mut random = Random::new(41);
     (0..ORIENTATIONS)
         .map(|number| {
             let turn = orientation(number, &mut random);
             let shift = shift(&mut random);
-            Turned::new(&make(&mut random), turn, shift)
+            TurnedBody::new(&make(&mut random), turn, shift)
         })
         .collect()
 }
@@ -127,13 +127,13 @@ pub fn shift(random: &mut Random) -> DVec3 {
 }
 
 /// A body in one orientation: points on it, and A there by ray casting.
-pub struct Turned {
+pub struct TurnedBody {
     scene: Scene,
     points: Vec<SurfacePoint>,
     exact: Vec<f64>,
 }
 
-impl Turned {
+impl TurnedBody {
     /// `shift` moves the grid against the body, voxels.
     pub fn new(body: &Body, turn: DMat3, shift: DVec3) -> Result<Self> {
         let mut mesh = body.mesh.clone();
@@ -150,7 +150,7 @@ impl Turned {
         let (mut points, mut exact) = (Vec::new(), Vec::new());
         for (p, n) in &body.points {
             let (p, n) = (turn * *p, turn * *n);
-            exact.push(occlusion(&tracer, p, n, r_max_m, Attenuation::Linear, RAYS));
+            exact.push(occlusion(&tracer, p, n, r_max_m, Obscurity::Linear, RAYS));
             points.push(SurfacePoint { position_m: p.as_vec3(), normal: n.as_vec3() });
         }
         Ok(Self { scene, points, exact })

@@ -3,19 +3,19 @@
 
 use super::*;
 use fathom_stages::ao::query::INFO;
-use fathom_stages::marching::{Estimator, Occluder, Sampling, Step};
+use fathom_stages::marching::{Estimator, Occluder, Sampling, StepLength};
 
 /// Filtering units have 8 bits of weight along each axis: adapters differ by nearly as much.
 const TOLERANCE: f64 = 3e-4;
 const SIDE: u32 = 32;
-/// Rays whose marching takes more turns than an adapter may make of an invocation's loops: see [`fathom_gpu::MOST_LOOP_TURNS`]. The stage
+/// Rays whose marching takes more turns than an adapter may make of an invocation's loops: see [`fathom_gpu::MAX_ITERATIONS`]. The stage
 /// takes several passes.
 const MANY_RAYS: u32 = 8_192;
 
-type Change = fn(&mut Marching);
+type MarchChange = fn(&mut Marching);
 
 /// What the shader's definitions choose between, and the weighted mean of A.
-const VARIANTS: [(&str, Change, f64); 16] = [
+const VARIANTS: [(&str, MarchChange, f64); 16] = [
     ("defaults", |_| (), 0.053418),
     ("settings of VAO §5.1", paper, 0.00611),
     ("uniform directions, doubled", |m| m.estimator = Estimator::Uniform, 0.054915),
@@ -35,7 +35,7 @@ const VARIANTS: [(&str, Change, f64); 16] = [
 ];
 
 fn paper(m: &mut Marching) {
-    (m.estimator, m.step, m.hit) = (Estimator::Paper, Step::Paper, Hit::Sample);
+    (m.estimator, m.step, m.hit) = (Estimator::Paper, StepLength::Paper, HitPoint::Sample);
     (m.offset_voxels, m.sampling) = (0.0, Sampling::Random);
 }
 
@@ -44,11 +44,11 @@ fn opacities(m: &mut Marching, step_voxels: f64) {
 }
 
 pub fn cases() -> Vec<Case> {
-    let what = |(name, ..): (&str, Change, f64)| format!("a furnished volume, {name}");
+    let what = |(name, ..): (&str, MarchChange, f64)| format!("a furnished volume, {name}");
     Case::each(INFO.name, VARIANTS, what, check).collect()
 }
 
-fn check(rig: &Rig<'_>, (name, change, stored): (&str, Change, f64)) -> Result<Check> {
+fn check(rig: &Rig<'_>, (name, change, stored): (&str, MarchChange, f64)) -> Result<Check> {
     let mut settings = Marching { rays: 32, r_max_m: 10.0 * VOXEL_M, ..Marching::default() };
     change(&mut settings);
     let level = if settings.occluder == Occluder::Opacity { 90 } else { 255 };
@@ -63,7 +63,7 @@ fn check(rig: &Rig<'_>, (name, change, stored): (&str, Change, f64)) -> Result<C
         let found = query(rig, &volume, &points, &settings)?;
         Ok((mean(found.iter().zip(&weights).map(|(a, weight)| a * weight)) - stored).abs())
     };
-    Ok(Check::of(rig, format!("{name}: weighted mean of A against the stored one"))
+    Ok(Check::new(rig, format!("{name}: weighted mean of A against the stored one"))
         .within((TOLERANCE, "1"), off(1.0)?)
         .control("r_max half as great again", off(1.5)?))
 }

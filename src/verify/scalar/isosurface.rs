@@ -3,8 +3,8 @@
 use super::*;
 use fathom_pipelines::scalar_ao::{Gather, Stop};
 use fathom_reference::isosurface::{Solid, first, occlusion};
-use fathom_reference::media::{Law, Marching};
-use fathom_reference::occlusion::Attenuation;
+use fathom_reference::media::{FieldLaw, FieldMarch};
+use fathom_reference::occlusion::Obscurity;
 
 const STAGE: &str = "scalar/isosurface";
 const SIZE: [u32; 2] = [64, 64];
@@ -100,11 +100,11 @@ fn ball(rig: &Rig<'_>) -> Checks {
             .map(|h| seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()))
     };
     Ok(vec![
-        Check::of(rig, "distance of hits from the boundary, 95th percentile")
+        Check::new(rig, "distance of hits from the boundary, 95th percentile")
             .within((0.1, "voxel"), distance(BALL))
             .control("radius 0.2 voxels larger", distance(larger))
             .with("pixels", judged.len() as f64),
-        Check::of(rig, "error of the normal, 95th percentile")
+        Check::new(rig, "error of the normal, 95th percentile")
             .within((1.5, "°"), normal(BALL))
             .control("centre half a voxel higher", normal(moved)),
     ])
@@ -152,8 +152,9 @@ fn rejection(rig: &Rig<'_>) -> Checks {
         // The twin's values are opacities.
         field.data.iter_mut().for_each(|v| *v *= 0.3);
         let [with, without] = [true, false].map(|rejection| -> Vec<f64> {
-            let law = Law::Opacity { voxel_m: VOXEL_M };
-            let twin = Marching { law, r_max_m: R_MAX_M, samples, rejection, threshold: 0.8 * 0.3 };
+            let law = FieldLaw::Opacity { voxel_m: VOXEL_M };
+            let twin =
+                FieldMarch { law, r_max_m: R_MAX_M, samples, rejection, threshold: 0.8 * 0.3 };
             judged
                 .iter()
                 .map(|(_, h)| twin.hemispherical(&field, h.position, h.normal, 96))
@@ -164,7 +165,7 @@ fn rejection(rig: &Rig<'_>) -> Checks {
                 mean(judged.iter().zip(exact).map(|((a, _), exact)| (a - exact).abs()))
             };
             let what = format!("{name}, strata of {step}: mean error of A against f64 marching");
-            Check::of(rig, what)
+            Check::new(rig, what)
                 .within((0.02, "1"), error(exact))
                 .control(control, error(other))
                 .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a)))
@@ -188,13 +189,12 @@ fn ball_over_slab(rig: &Rig<'_>) -> Checks {
         )
     };
     let by_threshold = found(Stop::Threshold)?;
-    let exact = |h: &Hit| {
-        occlusion(&BALL_AND_SLAB, h.position, h.normal, R_MAX_M, Attenuation::Linear, SIDE)
-    };
+    let exact =
+        |h: &Hit| occlusion(&BALL_AND_SLAB, h.position, h.normal, R_MAX_M, Obscurity::Linear, SIDE);
     let exact: Vec<f64> = by_threshold.iter().map(|(_, h)| exact(h)).collect();
     let check = |judged: &[(f64, Hit)], what: &str| {
         let off = || judged.iter().zip(&exact).map(|((a, _), exact)| a - exact);
-        Check::of(rig, format!("rays end at {what}: mean error of A"))
+        Check::new(rig, format!("rays end at {what}: mean error of A"))
             .within((0.02, "1"), mean(off().map(f64::abs)))
             .control("nothing occluded", mean(judged.iter().map(|(a, _)| *a)))
             .with("mean_signed_error", mean(off()))
@@ -220,7 +220,7 @@ fn gaps(rig: &Rig<'_>) -> Checks {
         let a = found(share, samples)?;
         let off = |share: f64| (a - (1.0 - share).powi(2)).abs();
         let what = format!("a gap of {share} r_max, {samples} samples: error of the mean A");
-        Ok(Check::of(rig, what)
+        Ok(Check::new(rig, what)
             .within((0.01, "1"), off(share))
             .control("a gap a voxel wider", off(share + VOXEL_M / R_MAX_M))
             .with("occlusion", a))
@@ -250,7 +250,7 @@ fn shading(rig: &Rig<'_>) -> Result<Check> {
     };
     let ambient = setup.scalar.ambient;
     // A step of 8 bits, and normals of 16 bits.
-    Ok(Check::of(rig, "albedo × visibility × light: largest error of the picture")
+    Ok(Check::new(rig, "albedo × visibility × light: largest error of the picture")
         .within((1.5 / 255.0, "1"), error(ambient))
         .control("a tenth more ambient light", error(ambient * 1.1)))
 }

@@ -1,7 +1,7 @@
 //! `scalar/direct` and `scalar/positional` against closed forms and f64 marching.
 
 use super::*;
-use fathom_reference::media::{self, Marching, in_ball, on_ramp, under_face};
+use fathom_reference::media::{self, FieldMarch, in_ball, occlusion_on_ramp, occlusion_under_face};
 
 const DIRECT: &str = "scalar/direct";
 const POSITIONAL: &str = "scalar/positional";
@@ -34,10 +34,10 @@ fn marched(mode: Mode, law: Law, r_max_m: f64, samples: u32) -> Scalar {
 }
 
 /// The law as the reference has it.
-fn reference_law(scalar: &Scalar, volume: &Volume) -> media::Law {
+fn reference_law(scalar: &Scalar, volume: &Volume) -> media::FieldLaw {
     match scalar.law {
-        Law::Opacity => media::Law::Opacity { voxel_m: opacity_voxel_m(volume) },
-        Law::Beer => media::Law::Beer { density_per_m: scalar.density_per_m },
+        Law::Opacity => media::FieldLaw::Opacity { voxel_m: opacity_voxel_m(volume) },
+        Law::Beer => media::FieldLaw::Beer { density_per_m: scalar.density_per_m },
     }
 }
 
@@ -77,10 +77,10 @@ fn block(rig: &Rig<'_>) -> Checks {
             largest(pixels([48, 48]).map(|(x, y)| {
                 let (origin, direction, _) = rays.ray(x, y);
                 let chord_m = chord_m(&setup.volume.bounds(), origin, direction);
-                (opacity.at((x, y)) - exact.opacity(value, chord_m)).abs()
+                (opacity.get((x, y)) - exact.opacity(value, chord_m)).abs()
             }))
         };
-        Ok(Check::of(rig, format!("{}: largest error of opacity along the view", name(law)))
+        Ok(Check::new(rig, format!("{}: largest error of opacity along the view", name(law)))
             .within((1e-3, "1"), error(BLOCK))
             .control("values 2 % higher", error(BLOCK * 1.02))
             .with("opacity_most", largest(opacity.data().iter().copied())))
@@ -99,7 +99,7 @@ fn many_rays(rig: &Rig<'_>, mode: Mode) -> Checks {
     let (many, few, longer) = (run(MANY_RAYS, 0.6)?, run(16, 0.6)?, run(16, 0.8)?);
     let off = |other: &ScalarPicture| (many.visibility.mean() - other.visibility.mean()).abs();
     let black = Image::constant(8, 8, 0.0);
-    let check = |what: &str| Check::of(rig, format!("{MANY_RAYS} rays: {what}"));
+    let check = |what: &str| Check::new(rig, format!("{MANY_RAYS} rays: {what}"));
     Ok(vec![
         check("mean visibility against that with 16 rays")
             .within((TOLERANCE, "1"), off(&few))
@@ -127,8 +127,8 @@ fn ramp(rig: &Rig<'_>) -> Result<Check> {
     let volume = cubes(32, |p| (128.0 - 60.0 * p.z) / 255.0);
     let a = measured(rig, &volume, &scalar, DVec3::ZERO)?;
     let (sigma, fall) = (4.0 * 128.0 / 255.0, 4.0 * 60.0 / 255.0);
-    let exact = on_ramp(sigma, fall, 1.0);
-    Ok(Check::of(rig, "Eq. 3 against its integral: relative error")
+    let exact = occlusion_on_ramp(sigma, fall, 1.0);
+    Ok(Check::new(rig, "Eq. 3 against its integral: relative error")
         .within((1e-2, "1"), relative_error(a, exact))
         .control(
             "the sum without the factor 2 of uniform directions",
@@ -145,10 +145,10 @@ fn rough() -> Volume {
     volume
 }
 
-fn twin(scalar: &Scalar, volume: &Volume) -> Marching {
+fn twin(scalar: &Scalar, volume: &Volume) -> FieldMarch {
     let law = reference_law(scalar, volume);
     let &Scalar { r_max_m, samples, rejection, .. } = scalar;
-    Marching { law, r_max_m, samples, rejection, threshold: f64::INFINITY }
+    FieldMarch { law, r_max_m, samples, rejection, threshold: f64::INFINITY }
 }
 
 const ROUGH_POINT: DVec3 = DVec3::new(0.13, -0.07, 0.11);
@@ -169,7 +169,7 @@ fn rough_sphere(rig: &Rig<'_>) -> Checks {
 }
 
 /// Both laws, with rejection and with V_thres within the field's range.
-fn rough_checks(rig: &Rig<'_>, mode: Mode, exact: impl Fn(&Marching, u32) -> f64) -> Checks {
+fn rough_checks(rig: &Rig<'_>, mode: Mode, exact: impl Fn(&FieldMarch, u32) -> f64) -> Checks {
     let volume = rough();
     let check = |law: Law| {
         let mut scalar = Scalar { rejection: true, ..marched(mode, law, 0.7, 8) };
@@ -181,11 +181,11 @@ fn rough_checks(rig: &Rig<'_>, mode: Mode, exact: impl Fn(&Marching, u32) -> f64
         };
         let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;
         let error = |rejection: bool| {
-            let twin = Marching { threshold: ends_at, rejection, ..twin(&scalar, &volume) };
+            let twin = FieldMarch { threshold: ends_at, rejection, ..twin(&scalar, &volume) };
             (a - exact(&twin, TWIN_RAYS)).abs()
         };
         let what = format!("{}: A with rejection and V_thres against f64 marching", name(law));
-        Ok(Check::of(rig, what)
+        Ok(Check::new(rig, what)
             .within((TOLERANCE, "1"), error(true))
             .control("no sample rejected", error(false))
             .with("occlusion", a))
@@ -215,7 +215,7 @@ fn interior(rig: &Rig<'_>) -> Checks {
         let exact = reference_law(&marched(Mode::Positional, law, 1.2, 8), &volume);
         let error = |value: f64| (far - exact.opacity(value, 1.2)).abs();
         checks.push(
-            Check::of(rig, format!("{}: A_P within a homogeneous block", name(law)))
+            Check::new(rig, format!("{}: A_P within a homogeneous block", name(law)))
                 .within((1e-4, "1"), error(BLOCK))
                 .control("values 1 % higher", error(BLOCK * 1.01))
                 .with("occlusion", far),
@@ -223,7 +223,7 @@ fn interior(rig: &Rig<'_>) -> Checks {
         let product = |near: f64| relative_error(1.0 - far, (1.0 - near).powi(2));
         let what = format!("{}: transmittance of twice the length is the square", name(law));
         checks.push(
-            Check::of(rig, what)
+            Check::new(rig, what)
                 .within((1e-4, "1"), product(near))
                 .control("occlusion 1 % higher", product(near * 1.01)),
         );
@@ -248,7 +248,7 @@ fn opaque(rig: &Rig<'_>) -> Checks {
             values.map(|value| error(value, 1.0)).into_iter().collect::<Result<Vec<_>>>()?;
         let outside = |error: f64| (error - CUT).max(-error).max(0.0);
         let what = format!("{}: A too small by more than 1/256, or too large", name(law));
-        Ok(Check::of(rig, what)
+        Ok(Check::new(rig, what)
             .within((1e-4, "1"), largest(errors.iter().copied().map(outside)))
             .control("half of r_max", outside(error(values[0], 0.5)?))
             .with("largest_error", largest(errors)))
@@ -268,7 +268,7 @@ fn ball_and_face(rig: &Rig<'_>) -> Checks {
      -> Result<Check> {
         let volume = cubes(36, |p| (0.5 - distance_m(p) / VOXEL_M).clamp(0.0, 1.0) * 0.2);
         let a = measured(rig, &volume, &scalar, DVec3::ZERO)?;
-        Ok(Check::of(rig, format!("{what}: error of A_P (Eq. 8)"))
+        Ok(Check::new(rig, format!("{what}: error of A_P (Eq. 8)"))
             .within((TOLERANCE, "1"), (a - exact).abs())
             .control(other.0, (a - other.1).abs())
             .with("occlusion", exact))
@@ -283,8 +283,8 @@ fn ball_and_face(rig: &Rig<'_>) -> Checks {
         check(
             "four voxels under a plane face",
             &|p| p.z - depth_m,
-            under_face(sigma, depth_m, 1.5),
-            ("half a voxel deeper", under_face(sigma, depth_m + VOXEL_M / 2.0, 1.5)),
+            occlusion_under_face(sigma, depth_m, 1.5),
+            ("half a voxel deeper", occlusion_under_face(sigma, depth_m + VOXEL_M / 2.0, 1.5)),
         )?,
     ])
 }
@@ -298,7 +298,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;
     let marching = twin(&scalar, &volume);
     let error = |volume: &Volume| (a - marching.positional(volume, ROUGH_POINT, TWIN_RAYS)).abs();
-    Ok(Check::of(rig, "A_P from the next coarser level against f64 marching of means")
+    Ok(Check::new(rig, "A_P from the next coarser level against f64 marching of means")
         .within((TOLERANCE, "1"), error(&volume.clone().reduced(2)))
         .control("the level below", error(&volume))
         .with("occlusion", a))
@@ -321,10 +321,10 @@ fn laws(rig: &Rig<'_>) -> Checks {
         Ok::<f64, VerifyError>(largest(dark.chain(seen.opacity.data().iter().copied())))
     };
     Ok(vec![
-        Check::of(rig, "rejection never adds: largest excess of A in a pixel")
+        Check::new(rig, "rejection never adds: largest excess of A in a pixel")
             .within((1e-6, "1"), more(without.data(), with.data()))
             .control("exchanged", more(with.data(), without.data())),
-        Check::of(rig, "an empty field hides nothing: largest A or opacity")
+        Check::new(rig, "an empty field hides nothing: largest A or opacity")
             .within((0.0, "1"), empty(0.0)?)
             .control("one step of 8 bits", empty(1.0 / 255.0)?),
     ])

@@ -53,16 +53,16 @@ fn no_errors(rig: &Rig<'_>, name: &str, subjects: &[(Vec<Corners>, VoxelScene)])
         let found = subject.voxelized(rig, |geometry, parts| overlap::new(rig, geometry, parts))?;
         let against = |grid: &Grid| errors(&found, &gaps(triangles, grid));
         exact += against(&subject.grid);
-        perturbed += against(&subject.moved(MOVED_VOXELS));
+        perturbed += against(&subject.shifted(MOVED_VOXELS));
     }
     let control = "grid moved by 0.02 voxels";
     Ok(vec![
-        Check::of(rig, format!("{name}: voxels missed"))
+        Check::new(rig, format!("{name}: voxels missed"))
             .within((0.0, "1"), exact.false_negatives as f64)
             .control(control, perturbed.false_negatives as f64)
             .with("occupied_voxels", exact.occupied as f64)
             .with("borderline_voxels", exact.borderline as f64),
-        Check::of(rig, format!("{name}: voxels too many"))
+        Check::new(rig, format!("{name}: voxels too many"))
             .within((0.0, "1"), exact.false_positives as f64)
             .control(control, perturbed.false_positives as f64),
     ])
@@ -84,7 +84,7 @@ fn alpha(rig: &Rig<'_>) -> Result<Check> {
         known.filter(differs).count() as f64
     };
     let borderline = exact.iter().filter(|alpha| alpha.is_none()).count();
-    Ok(Check::of(rig, "voxels with another alpha or bit")
+    Ok(Check::new(rig, "voxels with another alpha or bit")
         .within((0.0, "1"), wrong(&exact))
         .control("alphas of two objects exchanged", wrong(&perturbed))
         .with("borderline_voxels", borderline as f64))

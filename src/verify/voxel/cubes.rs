@@ -23,7 +23,7 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
     volume.write(rig, &values);
     let view = rig::synthetic_view(SIZE, 0.0)?;
     let stage = view::new(rig, &Shared::new(rig, &view), &[volume], SIZE)?;
-    let depth = rig.drawn(&[&stage], &stage.depth, 0)?;
+    let depth = rig.draw(&[&stage], &stage.depth, 0)?;
 
     let rays = rig::rays(&view);
     let wrong = |grid: &Grid| {
@@ -32,7 +32,7 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
         share(pixels(SIZE).map(|(x, y)| {
             let (origin, direction, length_m) = rays.ray(x, y);
             let expected = nearest(origin, direction, &cubes, grid.voxel_m / 2.0);
-            let seen = depth.at((x, y));
+            let seen = depth.get((x, y));
             match expected.filter(|distance| *distance < length_m) {
                 None => seen < 1.0,
                 Some(distance) => {
@@ -43,7 +43,7 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
         }))
     };
     let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
-    Ok(Check::of(rig, "share of pixels that see another place")
+    Ok(Check::new(rig, "share of pixels that see another place")
         .within((SHARE, "1"), wrong(&grid))
         .control("cubes moved by a centimetre", wrong(&moved)))
 }

@@ -5,7 +5,7 @@ use crate::prelude::*;
 use fathom_stages::kit::Buffer;
 use fathom_stages::voxel::clear::{self, Cleared};
 use fathom_stages::voxel::combine;
-use fathom_stages::voxel::slicemap::Axis;
+use fathom_stages::voxel::slicemap::SliceAxis;
 use fathom_stages::voxel::unpack::{self, Packed};
 
 /// Multiples of 32 and not, rows longer than a copy's alignment, and a single voxel.
@@ -28,14 +28,14 @@ fn clear(rig: &Rig<'_>) -> Result<Check> {
     let expected = [&[0], &full[1..]].concat();
     let wrong = differing(&rig.read(&all)?, &cleared) + differing(&rig.read(&head)?, &expected);
     let control = differing(&rig.read(&kept)?, &cleared);
-    Ok(Check::of(rig, "words that are not as they should be")
+    Ok(Check::new(rig, "words that are not as they should be")
         .within((0.0, "1"), wrong)
         .control("a buffer that is not cleared", control))
 }
 
 /// Voxels as a slicemap's words.
-fn slicemap(voxels: &[bool], grid: &Grid, axis: Axis) -> Vec<u32> {
-    let [columns, rows, _] = axis.turned(grid);
+fn slicemap(voxels: &[bool], grid: &Grid, axis: SliceAxis) -> Vec<u32> {
+    let [columns, rows, _] = axis.slices(grid);
     let mut words = vec![0u32; (axis.slicemap_bytes(grid) / 4) as usize];
     for (cell, _) in cells(grid).zip(voxels).filter(|(_, full)| **full) {
         let [column, row, slice] = axis.turn(cell);
@@ -51,8 +51,8 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
     let mut expected = Vec::new();
     for size in SIZES {
         let grid = plain(size);
-        let maps = Axis::ALL.map(|_| random_voxels(&mut random, &grid, 0.2));
-        let buffers = [0, 1, 2].map(|k| rig.words(&slicemap(&maps[k], &grid, Axis::ALL[k])));
+        let maps = SliceAxis::ALL.map(|_| random_voxels(&mut random, &grid, 0.2));
+        let buffers = [0, 1, 2].map(|k| rig.words(&slicemap(&maps[k], &grid, SliceAxis::ALL[k])));
         let voxels = Voxels::new(rig, "verify voxels", &grid, false);
         volumes.push((voxels, buffers));
         expected.push(maps);
@@ -66,7 +66,7 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
         wrong += differing(&found, &or([x, y, z]));
         control += differing(&found, &or([x, y, y]));
     }
-    Ok(Check::of(rig, "voxels that differ from the OR")
+    Ok(Check::new(rig, "voxels that differ from the OR")
         .within((0.0, "1"), wrong)
         .control("z's slicemap left out", control))
 }
@@ -103,7 +103,7 @@ fn unpack(rig: &Rig<'_>) -> Checks {
         }
         let name = if alpha { "alphas" } else { "bits" };
         checks.push(
-            Check::of(rig, format!("texels that differ from the {name}"))
+            Check::new(rig, format!("texels that differ from the {name}"))
                 .within((0.0, "1"), wrong)
                 .control("voxels moved by one", control),
         );

@@ -27,10 +27,10 @@ fn check(rig: &Rig<'_>) -> Checks {
     let empty = |p: &Pyramid| p.levels.iter().flatten().filter(|full| !**full).count() as f64;
     let law = |reach: f64| sum(&|p| broken_promises(p, reach));
     Ok(vec![
-        Check::of(rig, "cells that differ from the twin")
+        Check::new(rig, "cells that differ from the twin")
             .within((0.0, "1"), all(1))
             .control("twin without the border", all(0)),
-        Check::of(rig, "samples above 0 within an empty cell")
+        Check::new(rig, "samples above 0 within an empty cell")
             .within((0.0, "1"), law(1.0))
             .control("samples up to two voxels outside the cell", law(3.0))
             .with("empty_cells", sum(&empty)),

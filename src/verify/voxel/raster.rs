@@ -4,10 +4,10 @@
 use super::subjects::{VoxelScene, cells, voxels_of};
 use crate::prelude::*;
 use fathom_record::Adapter;
-use fathom_reference::voxel::{FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
+use fathom_reference::voxel::{MIN_SUBPIXELS, disagreements, errors, gaps, sampled};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::slice;
-use fathom_stages::voxel::slicemap::{self, Axis, Rasterizer};
+use fathom_stages::voxel::slicemap::{self, Rasterizer, SliceAxis};
 
 const COMBINE: &str = "voxel/combine";
 const SLICE: &str = "voxel/slice";
@@ -18,7 +18,7 @@ const MOVED: &str = "grid moved by a third of a voxel";
 const ALL_AXES: [usize; 3] = [0, 1, 2];
 
 pub fn cases() -> Vec<Case> {
-    let one_axis = Axis::ALL.into_iter().flat_map(|axis| {
+    let one_axis = SliceAxis::ALL.into_iter().flat_map(|axis| {
         let case = |name, rasterizer| {
             Case::new(axis.info().name, name, move |rig| {
                 slicemap_against_samples(rig, axis, rasterizer)
@@ -45,8 +45,8 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// A slicemap's voxels in the order of [`Grid::index`].
-fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
-    let [columns, rows, _] = axis.turned(grid);
+fn slices_of(words: &[u32], grid: &Grid, axis: SliceAxis) -> Vec<bool> {
+    let [columns, rows, _] = axis.slices(grid);
     let bit = |cell: [u32; 3]| {
         let [column, row, slice] = axis.turn(cell);
         let word = column + columns * (row + rows * (slice / 32));
@@ -55,9 +55,9 @@ fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
     cells(grid).map(bit).collect()
 }
 
-fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis, rasterizer: Rasterizer) -> Checks {
+fn slicemap_against_samples(rig: &Rig<'_>, axis: SliceAxis, rasterizer: Rasterizer) -> Checks {
     let axes = &[axis as usize];
-    let found = |subject: &VoxelScene| one_way(rig, subject, axis, rasterizer);
+    let found = |subject: &VoxelScene| voxelize_along(rig, subject, axis, rasterizer);
     let mut checks = Vec::new();
     for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?] {
         let name = subject.name;
@@ -71,10 +71,10 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis, rasterizer: Rasterizer) -
 }
 
 /// The voxels of one slicemap.
-fn one_way(
+fn voxelize_along(
     rig: &Rig<'_>,
     subject: &VoxelScene,
-    axis: Axis,
+    axis: SliceAxis,
     rasterizer: Rasterizer,
 ) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(rig);
@@ -87,16 +87,16 @@ fn one_way(
 
 /// Voxels on which rasterizations and their samples disagree.
 #[derive(Default)]
-struct Disagreeing {
+struct Disagreement {
     exact: f64,
     moved: f64,
     /// Voxels that are set.
     set: usize,
 }
 
-impl Disagreeing {
+impl Disagreement {
     fn check(&self, rig: &Rig<'_>, what: String) -> Check {
-        Check::of(rig, what).within((0.0, "1"), self.exact).control(MOVED, self.moved)
+        Check::new(rig, what).within((0.0, "1"), self.exact).control(MOVED, self.moved)
     }
 }
 
@@ -106,16 +106,16 @@ fn against_samples(
     subjects: &[VoxelScene],
     axes: &[usize],
     voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>>,
-) -> Result<Disagreeing> {
+) -> Result<Disagreement> {
     let steps = subpixels(&rig.gpu.adapter);
-    let mut all = Disagreeing::default();
+    let mut all = Disagreement::default();
     for subject in subjects {
         let found = voxelized(subject)?;
         let against = |grid: &Grid| {
             disagreements(&found, &sampled(&subject.triangles(), grid, axes, steps)) as f64
         };
         all.exact += against(&subject.grid);
-        all.moved += against(&subject.moved(MOVED_VOXELS));
+        all.moved += against(&subject.shifted(MOVED_VOXELS));
         all.set += found.iter().filter(|found| **found).count();
     }
     Ok(all)
@@ -137,7 +137,7 @@ fn slanted_quads(
 /// Steps per pixel to which the adapter's rasterizer rounds corners. wgpu does not tell `subPixelPrecisionBits`: Mesa's
 /// llvmpipe has 8 bits, SwiftShader 4, and 4 are the fewest that Vulkan allows.
 fn subpixels(adapter: &Adapter) -> u32 {
-    if adapter.name.starts_with("llvmpipe") { 256 } else { FEWEST_SUBPIXELS }
+    if adapter.name.starts_with("llvmpipe") { 256 } else { MIN_SUBPIXELS }
 }
 
 /// The voxels of three slicemaps and their OR.
@@ -173,12 +173,12 @@ fn against_surface(
             against_samples(rig, std::slice::from_ref(subject), &ALL_AXES, |_| Ok(found.clone()))?;
         let touched = |grid: &Grid| errors(&found, &gaps(&triangles, grid));
         let exact = touched(&subject.grid);
-        let perturbed = touched(&subject.moved(MOVED_VOXELS));
+        let perturbed = touched(&subject.shifted(MOVED_VOXELS));
         checks.push(
             samples.check(rig, format!("{name}: voxels that differ from samples on three axes")),
         );
         checks.push(
-            Check::of(rig, format!("{name}: voxels that no triangle touches"))
+            Check::new(rig, format!("{name}: voxels that no triangle touches"))
                 .within((0.0, "1"), exact.false_positives as f64)
                 .control(MOVED, perturbed.false_positives as f64)
                 .with("touched_voxels", exact.occupied as f64)

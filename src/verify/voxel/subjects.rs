@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use fathom_reference::voxel::{Corners, triangles};
 use fathom_stages::kit::Resources;
-use fathom_stages::voxel::Part;
+use fathom_stages::voxel::VoxelPart;
 
 /// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
 pub struct VoxelScene {
@@ -13,7 +13,7 @@ pub struct VoxelScene {
 }
 
 impl VoxelScene {
-    fn of(name: &'static str, mesh: Mesh, grid: Grid) -> Result<Self> {
+    fn new(name: &'static str, mesh: Mesh, grid: Grid) -> Result<Self> {
         let objects = vec![Object::new(name, mesh)];
         Ok(Self { name, scene: Scene { objects, ..Scene::load("plane")? }, grid })
     }
@@ -36,7 +36,7 @@ impl VoxelScene {
             mesh.indices.extend([first, first + 1, first + 2]);
         }
         mesh.recompute_normals();
-        Self::of("soup", mesh, grid)
+        Self::new("soup", mesh, grid)
     }
 
     /// So many triangles of more than 4,096 columns of voxels: copies of one, and another at the end.
@@ -50,7 +50,7 @@ impl VoxelScene {
         let high = [place(1.1, 1.1, 0.87), place(-0.2, 1.1, 0.76), place(1.1, -0.2, 0.65)];
         let copies = (1..count).flat_map(|_| [0, 1, 2]);
         let mesh = Mesh::smooth([low, high].concat(), copies.chain([3, 4, 5]).collect());
-        Self::of("huge triangles", mesh, grid)
+        Self::new("huge triangles", mesh, grid)
     }
 
     /// Quads of 1 to 16 grid edges, slanted at random, each with a grid that its middle lies in and that clips it.
@@ -67,7 +67,7 @@ impl VoxelScene {
             let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
             let [along, up] = [cos * along + sin * up, cos * up - sin * along].map(|d| half * d);
             let middle = grid.bounds().min + grid.size_m() * corner(&mut random, 0.2, 0.8);
-            Self::of("slanted quads", Mesh::parallelogram(middle, along, up), grid)
+            Self::new("slanted quads", Mesh::parallelogram(middle, along, up), grid)
         };
         (0..quads).map(subject).collect()
     }
@@ -92,9 +92,9 @@ impl VoxelScene {
     }
 
     /// The geometry, and an empty volume that takes all of it.
-    pub fn upload(&self, resources: &Resources<'_>) -> (Geometry, Part) {
+    pub fn upload(&self, resources: &Resources<'_>) -> (Geometry, VoxelPart) {
         let geometry = Geometry::new(resources, &self.scene);
-        let part = Part {
+        let part = VoxelPart {
             voxels: Voxels::new(resources, "verify voxels", &self.grid, false),
             indices: 0..3 * geometry.triangles() as u32,
         };
@@ -105,7 +105,7 @@ impl VoxelScene {
     pub fn voxelized<L>(
         &self,
         rig: &Rig<'_>,
-        stage: impl FnOnce(&Geometry, &[Part]) -> Result<Stage<L>, GpuError>,
+        stage: impl FnOnce(&Geometry, &[VoxelPart]) -> Result<Stage<L>, GpuError>,
     ) -> Result<Vec<bool>> {
         let (geometry, part) = self.upload(rig);
         let bits = part.voxels.bits.clone();
@@ -114,7 +114,7 @@ impl VoxelScene {
     }
 
     /// The grid moved by a share of a voxel: what controls are perturbed by.
-    pub fn moved(&self, voxels: f64) -> Grid {
+    pub fn shifted(&self, voxels: f64) -> Grid {
         let way = voxels * self.grid.voxel_m * DVec3::new(1.0, 0.7, 0.4);
         Grid { origin_m: self.grid.origin_m + way, ..self.grid }
     }

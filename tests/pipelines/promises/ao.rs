@@ -2,7 +2,7 @@
 
 use fathom::gpu::{Gpu, read_texture};
 use fathom::parameter;
-use fathom::pipelines::Drawing;
+use fathom::pipelines::PipelineInstance;
 use fathom::pipelines::hsao::Hsao;
 use fathom::pipelines::volume_ao::{Params, occlusion_at};
 use fathom::scene::{Camera, Mesh, Object, Scene, SceneFile};
@@ -17,13 +17,13 @@ use super::draws;
 const RAYS: f32 = 48.0;
 
 /// Sheets within 1.2 m of the origin, half of them along the axes, with specks of a voxel, and points on and around them.
-struct Draw {
+struct SheetScene {
     random: Pcg64,
     scene: Scene,
     points: Vec<SurfacePoint>,
 }
 
-impl Draw {
+impl SheetScene {
     fn new(seed: u64) -> Self {
         let scene = Scene::load("plane").unwrap();
         let mut draw = Self { random: Pcg64::seed_from_u64(seed), scene, points: Vec::new() };
@@ -79,7 +79,7 @@ impl Draw {
 fn skipping_changes_no_bit() {
     let (gpu, mut moved) = (gpu(), 0);
     for seed in 0..draws() {
-        let mut draw = Draw::new(seed);
+        let mut draw = SheetScene::new(seed);
         let [step, threshold] = draw.step_and_threshold();
         let [offset, r_max] = [draw.between(0.0, 1.0), draw.between(0.3, 3.0)];
         let mut set = format!("ao.step_voxels={step} ao.threshold={threshold}");
@@ -112,7 +112,7 @@ fn skipping_changes_no_bit() {
 fn looks_between_samples_leave_no_hit_out() {
     let (gpu, mut other) = (gpu(), 0);
     for seed in 0..draws() {
-        let mut draw = Draw::new(seed);
+        let mut draw = SheetScene::new(seed);
         let ([step, threshold], side) =
             (draw.step_and_threshold(), draw.random.random_range(20..50));
         let voxel_m = 3.0 / f64::from(side);
@@ -142,7 +142,7 @@ fn looks_between_samples_leave_no_hit_out() {
 fn points_out_of_reach_see_nothing() {
     let (gpu, mut far) = (gpu(), 0);
     for seed in 0..draws() {
-        let mut draw = Draw::new(seed);
+        let mut draw = SheetScene::new(seed);
         let side = draw.random.random_range(24..40);
         let voxel_m = 2.6 / f64::from(side);
         let [r_max_m, offset] = [draw.between(0.1, 0.6), draw.between(2.0, 20.0)];
@@ -173,7 +173,7 @@ fn points_out_of_reach_see_nothing() {
 fn a_flat_sheet_does_not_occlude_itself() {
     let (gpu, mut seen) = (gpu(), 0);
     for seed in 0..draws() {
-        let mut draw = Draw::new(seed);
+        let mut draw = SheetScene::new(seed);
         let scale = 10f64.powf(draw.between(-0.5, 1.5));
         let eye = draw.vector().normalize() * scale * draw.between(0.5, 2.0);
         let [a, mut b, mut c] = [(); 3].map(|()| scale * draw.vector());

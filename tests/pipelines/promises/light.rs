@@ -2,7 +2,7 @@
 //! the light's depth, over random water, light, cameras and obstacles.
 
 use fathom::gpu::Gpu;
-use fathom::pipelines::Built;
+use fathom::pipelines::BuiltPipeline;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::reference::optics::refract;
 use fathom::reference::photons::{Landing, PhotonGrid, land_all};
@@ -200,7 +200,7 @@ impl Traced {
         (params.caustics.grid, params.caustics.mask, params.godrays.grid) = (cells, false, 1);
         (params.caustics.jitter, params.caustics.step_px) = (0.0, step_px);
         let (rig, grid) = (Rig::new(gpu, CAUSTICS.name), PhotonGrid::new(cells, 2));
-        let pipeline = Built::<Underwater>::new(gpu, scene, &params).unwrap();
+        let pipeline = BuiltPipeline::<Underwater>::new(gpu, scene, &params).unwrap();
         rig.run_until(&pipeline, CAUSTICS.name).unwrap();
         let (frame, tracer) = (pipeline.view.light_frame(), Tracer::new(&scene.objects));
         let landings = land_all(&frame, &scene.water, &tracer, grid, 1);

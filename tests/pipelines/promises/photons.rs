@@ -3,7 +3,7 @@
 
 use fathom::gpu::Gpu;
 use fathom::pipelines::photon_tracing::{Params, PhotonTracing};
-use fathom::pipelines::screen_tracing::Method;
+use fathom::pipelines::screen_tracing::WalkMethod;
 use fathom::pipelines::shadow_rays::ShadowRays;
 use fathom::reference::optics::refract;
 use fathom::reference::rays::PixelRays;
@@ -24,7 +24,7 @@ fn floor(half_m: f64) -> Object {
     Object::new("floor", Mesh::parallelogram(middle, DVec3::Z * half_m, DVec3::X * half_m))
 }
 
-fn put(scene: &mut Scene, objects: Vec<Object>) {
+fn set_objects(scene: &mut Scene, objects: Vec<Object>) {
     scene.objects = objects;
     let of_objects = scene.objects.iter().map(|object| object.mesh.bounds());
     scene.bounds = of_objects.fold(scene.bounds, |all, one| all.union(one));
@@ -76,7 +76,7 @@ fn no_photon_on_a_level_floor_in_view_is_lost() {
              transfer.grid=[40,40] water.amplitude_m=0 water.half_size_m=[240,240]"
         );
         let (mut scene, mut params) = prepared::<PhotonTracing>(&gpu, "plane", &set);
-        put(&mut scene, vec![floor(4.0 * far_m)]);
+        set_objects(&mut scene, vec![floor(4.0 * far_m)]);
         let pitch_deg = random.within(2.0, 10.0);
         params.camera = camera(&mut random, pitch_deg, far_m);
         params.light.direction = [random.within(-1.0, 1.0), -1.0, random.within(-1.0, 1.0)];
@@ -111,7 +111,7 @@ fn no_photon_on_a_level_floor_in_view_is_lost() {
         }
         // The paper's test loses many: the count can fail.
         params.rays.test = HitTest::Tolerance;
-        params.rays.tolerance_m = 0.01 * scene.solid_bounds().times_tank();
+        params.rays.tolerance_m = 0.01 * scene.solid_bounds().tank_scale();
         let lost = |photon: &Photon| !photon.has_landed() && seen(photon).is_some();
         by_tolerance += photons(&gpu, &scene, &params).iter().filter(|photon| lost(photon)).count();
     }
@@ -163,8 +163,8 @@ fn shared_and_split_corners_give_the_same_photons_and_shadows() {
         let aside = DMat4::from_translation(DVec3::X * 0.1);
         let beside = shared.iter().map(|mesh| mesh.clone().transformed(&aside)).collect();
         let [shared, by_triangle, beside] = [shared, by_triangle, beside].map(|meshes| {
-            put(&mut wet, with_floor(&meshes));
-            put(&mut dry, with_floor(&meshes));
+            set_objects(&mut wet, with_floor(&meshes));
+            set_objects(&mut dry, with_floor(&meshes));
             let shadows = built::<ShadowRays>(&gpu, &dry, &dry_params);
             [photons(&gpu, &wet, &wet_params), stored(&gpu, &shadows.photons)]
         });
@@ -197,8 +197,8 @@ fn lines_end_photons_where_marching_does() {
             number(0.0, 2.0) == 1,
         );
         let (mut scene, mut params) = prepared::<PhotonTracing>(&gpu, "plane", &set);
-        put(&mut scene, with_floor(&boxes(&mut random)));
-        let found = [Method::Lines, Method::March].map(|method| {
+        set_objects(&mut scene, with_floor(&boxes(&mut random)));
+        let found = [WalkMethod::Lines, WalkMethod::March].map(|method| {
             params.rays.method = method;
             photons(&gpu, &scene, &params)
         });

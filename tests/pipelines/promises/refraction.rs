@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use fathom::pipelines::refraction::{Params, ScreenRefraction};
-use fathom::pipelines::{Drawing, Judge, Known};
+use fathom::pipelines::{Judge, PipelineInstance, ReferenceCache};
 use fathom::scene::{Camera, Mesh, Object, Optics, Scene, SceneFile, generators};
 use fathom::verify::rig::Random;
 use glam::{DQuat, DVec3};
@@ -61,8 +61,8 @@ fn exits_from_random_solids_are_exact() {
         params.refraction.least_px = Random::new(draw).within(1.0, 64.0) as u32;
         let frame = built::<ScreenRefraction>(&gpu, &scene, &params);
         let p90_deg = |scene: &Rc<Scene>| {
-            let mut known = Known::default();
-            let judge = &mut Judge { gpu: &gpu, scene, known: &mut known, asked: &[] };
+            let mut known = ReferenceCache::default();
+            let judge = &mut Judge { gpu: &gpu, scene, references: &mut known, requested: &[] };
             frame.pipeline.judge(judge).unwrap().errors[1].value
         };
         let found = p90_deg(&scene);

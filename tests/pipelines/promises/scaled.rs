@@ -6,7 +6,7 @@ use std::path::Path;
 
 use fathom::gpu::{Gpu, read_texture};
 use fathom::parameter;
-use fathom::pipelines::{KINDS, staged};
+use fathom::pipelines::{KINDS, apply};
 use fathom::scene::{LightKind, Mesh, Scene, SceneFile, Water};
 use serde_json::{Value, json};
 
@@ -100,8 +100,8 @@ fn picture(gpu: &Gpu, pipeline: &str, scene: &str, set: &str, by: f64) -> Vec<f3
         parameter::set(&mut tree, &path, value).unwrap();
     }
     let tree = (kind.checked)(&tree).unwrap();
-    let scene = Scene::build(&staged(&tree, &file).unwrap()).unwrap();
-    let built = gpu.scoped(|| (kind.build)(&tree, gpu, &scene)).unwrap();
+    let scene = Scene::build(&apply(&tree, &file).unwrap()).unwrap();
+    let built = gpu.catch(|| (kind.build)(&tree, gpu, &scene)).unwrap();
     let mut frame = built.stages();
     frame.extend(built.presenting());
     gpu.run(&frame).unwrap();
@@ -141,6 +141,6 @@ fn scenes_of_all_sizes_give_the_same_picture() {
 /// Lengths were tuned in scene tank, the density of media in scene smoke: there they are what they were.
 #[test]
 fn tuned_lengths_stay() {
-    let times = ["tank", "pool", "smoke"].map(|scene| SceneFile::load(scene).unwrap().times_tank());
+    let times = ["tank", "pool", "smoke"].map(|scene| SceneFile::load(scene).unwrap().tank_scale());
     assert_eq!(times, [1.0, 1.0, 0.177_734_375]);
 }

@@ -1,9 +1,9 @@
 //! Splats by the rasterizer and by a compute shader, and light that does not depend on the shape of the buffers that it is gathered in.
 
 use fathom::gpu::{Gpu, read_texture};
-use fathom::pipelines::underwater::{Intensity, Params, Underwater};
-use fathom::pipelines::{Built, Drawing};
-use fathom::stages::splatting::Sums;
+use fathom::pipelines::underwater::{IntensityRule, Params, Underwater};
+use fathom::pipelines::{BuiltPipeline, PipelineInstance};
+use fathom::stages::splatting::SplatSums;
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -12,7 +12,7 @@ use super::draws;
 use crate::{built, gpu, prepared};
 
 /// What the stage has added up in each pixel.
-fn texels(gpu: &Gpu, sums: &Sums) -> Vec<f64> {
+fn texels(gpu: &Gpu, sums: &SplatSums) -> Vec<f64> {
     let data = read_texture(gpu, &sums.texture).unwrap().data;
     data.into_iter().map(f64::from).collect()
 }
@@ -50,7 +50,8 @@ fn the_rasterizers_splats_are_those_of_the_compute_shader() {
         let drawn = |splatting: &str, coverage: &str| {
             let how = format!("{set} caustics.splatting={splatting} caustics.coverage={coverage}");
             let (scene, params) = prepared::<Underwater>(&gpu, scene, &how);
-            let pipeline = gpu.scoped(|| Built::<Underwater>::new(&gpu, &scene, &params)).unwrap();
+            let pipeline =
+                gpu.catch(|| BuiltPipeline::<Underwater>::new(&gpu, &scene, &params)).unwrap();
             let stages = pipeline.stages();
             let last = stages.iter().position(|stage| stage.name() == "caustics/splat").unwrap();
             gpu.run(&stages[..=last]).unwrap();
@@ -75,15 +76,15 @@ fn difference(found: &[f64], exact: &[f64]) -> f64 {
 }
 
 /// Mean over the picture of the irradiance of a level floor seen from above, over the exact one, and of the light shafts' radiance.
-fn seen_from_above(pipeline: &Built<Underwater>, gpu: &Gpu, params: &Params) -> [f64; 2] {
+fn seen_from_above(pipeline: &BuiltPipeline<Underwater>, gpu: &Gpu, params: &Params) -> [f64; 2] {
     let scale = |stage: &str, what: &str| pipeline.context(stage)[what]["scale"].as_f64().unwrap();
-    let mean = |sums: &Sums| {
+    let mean = |sums: &SplatSums| {
         let texels = texels(gpu, sums);
         texels.iter().sum::<f64>() / texels.len() as f64
     };
     let per_m2 = match params.caustics.intensity {
-        Intensity::Paper => scale("caustics/splat", "irradiance"),
-        Intensity::Conserving => (scale("caustics/splat", "irradiance") * FLOOR_M).powi(-2),
+        IntensityRule::Paper => scale("caustics/splat", "irradiance"),
+        IntensityRule::Conserving => (scale("caustics/splat", "irradiance") * FLOOR_M).powi(-2),
     };
     let irradiance = mean(&pipeline.caustics.drawn) * per_m2 / params.light.intensity_w_sr;
     [irradiance, mean(&pipeline.godrays.drawn) * scale("godrays/lines", "radiance")]

@@ -32,7 +32,7 @@ fn triangles(mesh: &Mesh) -> Vec<[Corner; 3]> {
 }
 
 /// The triangles of a file, which are the same when it is compressed.
-fn of(name: &str, content: impl AsRef<[u8]>) -> Result<Vec<[Corner; 3]>, String> {
+fn load(name: &str, content: impl AsRef<[u8]>) -> Result<Vec<[Corner; 3]>, String> {
     let mesh = read(name, content.as_ref())?;
     assert_eq!(read(&format!("{name}.gz"), &gzip(content.as_ref())).as_ref(), Ok(&mesh));
     Ok(triangles(&mesh))
@@ -215,16 +215,16 @@ fn files_of_every_style_are_the_plain_mesh() {
         ),
     ];
     let of_kind = |name: &'static str, rows: &[(&'static str, String)]| -> Vec<_> {
-        rows.iter().map(|(what, text)| (name, *what, of(name, text))).collect()
+        rows.iter().map(|(what, text)| (name, *what, load(name, text))).collect()
     };
     let stls =
-        stls(&plain_mesh).into_iter().map(|(what, bytes)| ("a.stl", what, of("a.stl", bytes)));
+        stls(&plain_mesh).into_iter().map(|(what, bytes)| ("a.stl", what, load("a.stl", bytes)));
     let of_gltf = |(what, changes, binary): (&'static str, &str, Vec<u8>)| {
         let json = changed(changes);
         let uri = format!("\"uri\":\"data:;base64,{}\",", BASE64.encode(&binary));
         let embedded = json.replace("\"buffers\":[{", &format!("\"buffers\":[{{{uri}"));
         [("a.glb", glb(&json, &binary)), ("a.gltf", format!("\u{feff}{embedded}").into_bytes())]
-            .map(|(name, bytes)| (name, what, of(name, bytes)))
+            .map(|(name, bytes)| (name, what, load(name, bytes)))
     };
     let others = stls.chain(gltfs().into_iter().flat_map(of_gltf));
     let texts = [of_kind("a.obj", &objs), of_kind("a.ply", &plys)].concat();
@@ -268,7 +268,8 @@ fn polygons_are_filled_once() {
                         (0..positions.len()).map(|corner| (corner, None)).collect();
                     face.rotate_left(first);
                     let faces = vec![face];
-                    let shape = Shape { positions: positions.clone(), normals: Vec::new(), faces };
+                    let shape =
+                        TestMesh { positions: positions.clone(), normals: Vec::new(), faces };
                     read(name, Style(None).written(&shape, name).as_bytes()).unwrap()
                 };
                 let (mesh, row) = (begun(0), format!("{shape}, {plane}, {name}"));
@@ -290,14 +291,14 @@ fn polygons_are_filled_once() {
     }
 }
 
-struct Shape {
+struct TestMesh {
     positions: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
     /// Corners, each a position and perhaps a normal.
     faces: Vec<Vec<(usize, Option<usize>)>>,
 }
 
-impl Shape {
+impl TestMesh {
     /// Random faces. Of half of the seeds some corners have normals, and not all of these can be used.
     fn random(seed: u64, random: &mut Pcg64) -> Self {
         let scale = 10f32.powi(random.random_range(-3..5));
@@ -341,7 +342,7 @@ impl Style {
         if self.pick(2) == 0 { (place + 1).to_string() } else { format!("-{}", count - place) }
     }
 
-    fn corner(&mut self, shape: &Shape, (position, normal): (usize, Option<usize>)) -> String {
+    fn corner(&mut self, shape: &TestMesh, (position, normal): (usize, Option<usize>)) -> String {
         let position = self.index(position, shape.positions.len());
         let normal = normal.map_or(String::new(), |normal| self.index(normal, shape.normals.len()));
         match self.pick(3) {
@@ -352,7 +353,7 @@ impl Style {
     }
 
     /// Words of each line: those of PLY have no keyword, no normals and no colours.
-    fn lines(&mut self, shape: &Shape, is_ply: bool) -> Vec<Vec<String>> {
+    fn lines(&mut self, shape: &TestMesh, is_ply: bool) -> Vec<Vec<String>> {
         let keyword = |word: &str| if is_ply { Vec::new() } else { vec![word.to_owned()] };
         let mut lines = Vec::new();
         let normals = if is_ply { &[][..] } else { &shape.normals };
@@ -381,7 +382,7 @@ impl Style {
         lines
     }
 
-    fn written(&mut self, shape: &Shape, name: &str) -> String {
+    fn written(&mut self, shape: &TestMesh, name: &str) -> String {
         let is_ply = name.ends_with("ply");
         let joints = [" ", "  ", "\t", " \\\n ", "\\\n ", "\\\n"];
         let ends =
@@ -411,12 +412,12 @@ impl Style {
 fn random_meshes_in_random_styles_are_the_plain_ones() {
     for seed in 0..10 * draws() {
         let mut random = Pcg64::seed_from_u64(seed);
-        let shape = Shape::random(seed, &mut random);
-        let plain = of("a.obj", &Style(None).written(&shape, "a.obj")).unwrap();
+        let shape = TestMesh::random(seed, &mut random);
+        let plain = load("a.obj", &Style(None).written(&shape, "a.obj")).unwrap();
         let mut style = Style(Some(random));
         for name in ["a.obj", "a.ply"].into_iter().take(1 + seed as usize % 2) {
             let styled = style.written(&shape, name);
-            assert!(of(name, &styled).as_ref() == Ok(&plain), "{seed}, {name}: {styled:?}");
+            assert!(load(name, &styled).as_ref() == Ok(&plain), "{seed}, {name}: {styled:?}");
         }
     }
 }

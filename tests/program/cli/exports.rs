@@ -13,7 +13,7 @@ const SAMPLES_NS: [f64; 3] = [2e6, 1e6, 4e6];
 
 /// A frame of one stage and as long gaps.
 fn measured() -> Measured {
-    let stage = StageRecord::of("compose", Clock::Timestamp, SAMPLES_NS.to_vec());
+    let stage = StageRecord::new("compose", Clock::Timestamp, SAMPLES_NS.to_vec());
     let work = Work { fragments: 64, ..Work::default() };
     let envelope_samples_ns = SAMPLES_NS.map(|ns| 2.0 * ns).to_vec();
     let frame = FrameRecord {

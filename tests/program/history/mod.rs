@@ -29,7 +29,7 @@ fn add(folder: &str, commit: &str) -> String {
 }
 
 /// Writes a folder's records.
-fn put(folder: &Path, records: &str) {
+fn write(folder: &Path, records: &str) {
     std::fs::create_dir_all(folder).unwrap();
     std::fs::write(folder.join("records.jsonl"), records).unwrap();
 }
@@ -50,8 +50,8 @@ fn keeps_runs_once_in_the_order_of_their_commits(place: &Place, db: &str) {
     let here = &repository.folder;
     let history = |words: &str| history(here, db, words);
     let records = [records(1, CELLS, 5e6), records(2, CELLS, 5e6)];
-    put(&place.path("first"), &records[0]);
-    put(&place.path("second"), &records[1]);
+    write(&place.path("first"), &records[0]);
+    write(&place.path("second"), &records[1]);
     // The later commit first: the order is that of the commits.
     let told = history("add ../second --machine m").answer();
     let figures = CELLS * FIGURES_OF_A_CELL;
@@ -79,14 +79,14 @@ fn tells_machines_apart(place: &Place, db: &str) {
     let series = || changes(here, db)["too_short"].as_u64().unwrap() as usize / FIGURES_OF_A_CELL;
     let mut counted = Vec::new();
     for (night, (hosts, commit)) in nights.iter().zip(&repository.commits).enumerate() {
-        put(&run, &made::merged(night, hosts));
+        write(&run, &made::merged(night, hosts));
         history(here, db, format!("add run --commit {commit}")).ends(0);
         counted.push(series());
     }
     assert_eq!(counted, [2, 2, 4]);
     holds(&history(here, db, "list").answer(), &[" n1, n2 ", " n2, n1 "]);
     // What was said goes before what the records name.
-    put(&run, &made::merged(nights.len(), &["n3", "n4"]));
+    write(&run, &made::merged(nights.len(), &["n3", "n4"]));
     history(here, db, "add run --machine farm").ends(0);
     assert_eq!(series(), 6);
     holds(&history(here, db, "list").answer(), &[" farm "]);
@@ -97,7 +97,7 @@ fn names_the_commits_of_a_change(place: &Place, db: &str) {
     let Repository { folder: here, commits } = &Repository::new(place.path("days"), 40);
     for (day, commit) in commits.iter().enumerate() {
         let ns = if day >= 25 { 5.5e6 } else { 5e6 };
-        put(&here.join("run"), &records(day, CELLS, ns));
+        write(&here.join("run"), &records(day, CELLS, ns));
         history(here, db, add("run", commit)).ends(0);
     }
     let told = changes(here, db);
@@ -152,7 +152,7 @@ fn a_full_disk_leaves_no_half_run() {
     let place = Place::new();
     let (folder, db) = (place.path(""), "history.sqlite");
     let adding = |records: &str| {
-        put(&folder.join("run"), records);
+        write(&folder.join("run"), records);
         history(&folder, db, add("run", "c0ffee"))
     };
     let bytes = || std::fs::metadata(place.path(db)).unwrap().len() as f64;
@@ -189,7 +189,7 @@ fn figures(path: &Path) -> Vec<(i64, i64)> {
 /// Where the tests below keep a history, and a run of few cells.
 fn sqlite() -> (Place, impl Fn(&str) -> Command) {
     let place = Place::new();
-    put(&place.path("run"), &records(1, CELLS, 5e6));
+    write(&place.path("run"), &records(1, CELLS, 5e6));
     let folder = place.path("");
     (place, move |words| history(&folder, "history.sqlite", words))
 }
@@ -206,7 +206,7 @@ fn damaged_runs_are_named_and_not_stored() {
         ("headless", lines[1..].join("\n"), "does not begin with a run's header"),
         ("between", [lines[0], "{\"record\":", lines[1], ""].join("\n"), "line 2"),
     ] {
-        put(&place.path(name), &records);
+        write(&place.path(name), &records);
         let both = format!("add run {name} --commit c0ffee --branch b");
         holds(&history(&both).refused(reason), &[name]);
     }
@@ -296,7 +296,7 @@ fn what_the_limits_of_the_adapter_share_is_drift_of_the_machine() {
         let slower = if night < 12 { 1.0 } else { 1.1 };
         let own = if night < 12 { 1.0 } else { 1.5 };
         let rate = 1e10 / slower * (1.0 + 1e-3 * (night % 5) as f64);
-        put(&place.path("run"), &with_limit(&records(night, CELLS, 5e6 * slower * own), rate));
+        write(&place.path("run"), &with_limit(&records(night, CELLS, 5e6 * slower * own), rate));
         history(&add("run", &format!("{night:040}"))).ends(0);
     }
     let of = |told: &Value, cell: &str| -> Vec<Value> {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::frame::clock_fault::ClockFault;
-use crate::frame::scope::Pass;
+use crate::frame::scope::EncodedPass;
 use fathom_record::SubmitCost;
 
 /// What the host takes before the first pass and after the last one, ns.
@@ -30,7 +30,7 @@ impl ModelledGpu {
             max_passes: 0,
             queries: None,
             recorder: Recorder::default(),
-            metering: Metering::default(),
+            metering: SubmissionMeter::default(),
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
@@ -51,7 +51,7 @@ impl ModelledGpu {
         for (stage, ns) in passes_ns.iter().enumerate() {
             let (begin, end) = (self.now_ns, self.now_ns + ns);
             let query = Some(stage as u32);
-            timer.recorder.passes.push(Pass { stage, kind: PassKind::Compute, query });
+            timer.recorder.passes.push(EncodedPass { stage, kind: PassKind::Compute, query });
             timer.ticks.push([begin, end].map(|ns| ns.round() as u64));
             self.now_ns = end + gap_ns;
         }

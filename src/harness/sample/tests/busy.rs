@@ -46,11 +46,11 @@ impl BusyMachine {
 #[test]
 fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
     let busy = BusyMachine { meter: CostMeter::default(), random: Pcg64::seed_from_u64(11) };
-    let mock = Mock { busy: Some(busy), ..Mock::of(vec![STEADY]) };
+    let mock = Mock { busy: Some(busy), ..Mock::new(vec![STEADY]) };
     let mock = mock.run(&SETTINGS);
     let samples = mock.samples(0);
     assert!(samples.rejected.is_empty(), "{:?}", samples.rejected);
-    assert!(samples.taken.iter().any(|pair| pair.stages[0].ns < 0.0), "the noise is none");
+    assert!(samples.pairs.iter().any(|pair| pair.stages[0].ns < 0.0), "the noise is none");
     let [none, long] = [(0, "none"), (1, "long")]
         .map(|stage| stage_record(samples, stage, Default::default(), <_>::default()));
     for stage in [&none, &long] {

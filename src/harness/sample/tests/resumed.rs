@@ -10,10 +10,10 @@ fn cells() -> Vec<MockCell> {
     vec![noisy, compiles, slow(), slow()]
 }
 
-type Kept = [(f64, usize, Samples)];
+type SavedSamples = [(f64, usize, Samples)];
 
 /// The latest of each cell, as a record of it gives it to the next run.
-fn latest(kept: &Kept) -> BTreeMap<usize, Samples> {
+fn latest(kept: &SavedSamples) -> BTreeMap<usize, Samples> {
     let latest = kept.iter().map(|(_, cell, samples)| {
         (*cell, Samples { earlier_pairs: samples.pairs(), ..samples.clone() })
     });
@@ -22,12 +22,12 @@ fn latest(kept: &Kept) -> BTreeMap<usize, Samples> {
 
 /// What a whole run leaves behind.
 fn whole() -> Mock {
-    Mock::of(cells()).run(&SETTINGS)
+    Mock::new(cells()).run(&SETTINGS)
 }
 
 /// A run that has this from before.
-fn resumed(earlier: &Kept) -> Mock {
-    Mock { earlier: latest(earlier), ..Mock::of(cells()) }
+fn resumed(earlier: &SavedSamples) -> Mock {
+    Mock { earlier: latest(earlier), ..Mock::new(cells()) }
 }
 
 #[test]
@@ -57,12 +57,12 @@ fn a_run_that_was_killed_at_any_moment_goes_on_with_all_that_was_kept() {
             let before = latest(earlier).remove(&cell).unwrap_or_default();
             let (pairs, after) = (before.pairs(), mock.samples(cell));
             assert_eq!(after.earlier_pairs, pairs);
-            assert_eq!(after.taken[..pairs], before.taken);
+            assert_eq!(after.pairs[..pairs], before.pairs);
             let all = after.pairs();
             assert!(all > pairs, "{all} of {pairs}: a frame is rendered to read figures from");
             let had_all = pairs >= whole.samples(cell).pairs();
             assert!(!had_all || all == pairs + 1, "{all} of {pairs}");
-            assert!(after.taken.iter().all(|pair| after.has_stages(&pair.stages)));
+            assert!(after.pairs.iter().all(|pair| after.has_stages(&pair.stages)));
             assert!(after.warm_up_frames >= before.warm_up_frames + 2);
             for (reason, count) in &before.rejected {
                 assert!(after.rejected[reason] >= *count);
@@ -76,7 +76,7 @@ fn an_interruption_keeps_what_has_too_little_and_leaves_what_rendered_nothing() 
     // In the warm-up of the first cell that is visited, and after all cells have a few pairs.
     let early = Mock { interrupt_at_s: Some(0.001), ..resumed(&whole().kept) }.run(&SETTINGS);
     assert!(early.results.is_empty() && early.kept.is_empty());
-    let late = Mock { interrupt_at_s: Some(15.0), ..Mock::of(cells()) }.run(&SETTINGS);
+    let late = Mock { interrupt_at_s: Some(15.0), ..Mock::new(cells()) }.run(&SETTINGS);
     assert!(late.results.is_empty());
     let kept = latest(&late.kept);
     let count = |did| late.calls.iter().filter(|call| **call == (did, 0)).count();
@@ -88,7 +88,7 @@ fn an_interruption_keeps_what_has_too_little_and_leaves_what_rendered_nothing() 
 #[test]
 fn what_was_timed_by_another_clock_does_not_count() {
     let mut other = whole().kept;
-    for pair in other.iter_mut().flat_map(|(_, _, samples)| &mut samples.taken) {
+    for pair in other.iter_mut().flat_map(|(_, _, samples)| &mut samples.pairs) {
         pair.stages[1].clock = Clock::Timestamp;
     }
     let mock = resumed(&other).run(&SETTINGS);

@@ -6,7 +6,7 @@ use std::path::Path;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 
-use fathom_base::folder::Folder;
+use fathom_base::folder::Dir;
 use fathom_record::{Picture, PictureKind};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -15,12 +15,12 @@ use image::{ImageFormat, ImageReader, ImageResult, Limits, RgbImage, imageops};
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 16 << 20;
 /// Largest side of a picture that is decoded, pixels, and the memory that this may take.
-const MAX_SIDE_PX: u32 = 8192;
+const MAX_DECODED_PX: u32 = 8192;
 const MAX_MEMORY: u64 = 64 << 20;
 /// Pixels of all pictures that are decoded: 2,000 cells of 300 × 300 pixels.
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
-const MOST_SIDE_PX: u32 = 280;
+const MAX_SHOWN_PX: u32 = 280;
 /// Of JPEG, 1 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
 const QUALITY: u8 = 60;
 const QUALITY_OF_ERRORS: u8 = 40;
@@ -64,12 +64,12 @@ impl Embedder {
         if self.bytes > MAX_EMBEDDED || self.pixels > MAX_PIXELS {
             return Err("the page holds as many pictures as it takes".to_owned());
         }
-        let bytes = Folder::open(folder).and_then(|folder| folder.bytes(name, MAX_FILE));
+        let bytes = Dir::open(folder).and_then(|folder| folder.bytes(name, MAX_FILE));
         let bytes = bytes.map_err(|error| error.to_string())?;
         let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
         let mut limits = Limits::default();
-        limits.max_image_width = Some(MAX_SIDE_PX);
-        limits.max_image_height = Some(MAX_SIDE_PX);
+        limits.max_image_width = Some(MAX_DECODED_PX);
+        limits.max_image_height = Some(MAX_DECODED_PX);
         limits.max_alloc = Some(MAX_MEMORY);
         reader.limits(limits);
         let picture = reader.decode().map_err(|error| error.to_string())?.into_rgb8();
@@ -81,10 +81,10 @@ impl Embedder {
 fn reduced(picture: RgbImage) -> RgbImage {
     let [width, height] = [picture.width(), picture.height()];
     let longest = width.max(height);
-    if longest <= MOST_SIDE_PX {
+    if longest <= MAX_SHOWN_PX {
         return picture;
     }
-    let scaled = |side: u32| (side * MOST_SIDE_PX / longest).max(1);
+    let scaled = |side: u32| (side * MAX_SHOWN_PX / longest).max(1);
     imageops::resize(&picture, scaled(width), scaled(height), imageops::Triangle)
 }
 

@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::ReportView;
+use crate::Report;
 use crate::testing::page;
 use fathom_experiments::fixtures;
 use fathom_record::Record;
@@ -20,7 +20,7 @@ fn run(pictures: &[Picture]) -> Vec<Record> {
 }
 
 fn written(records: &[Record], folder: Option<&Path>) -> String {
-    let view = ReportView::new(records, folder);
+    let view = Report::new(records, folder);
     write(&page(&[&view])).map_or_else(String::new, Markup::into_string)
 }
 
@@ -89,14 +89,14 @@ fn colours_are_explained_by_the_scale_of_the_record() {
 #[test]
 fn only_parameters_that_differ_are_told() {
     let records = run(&[picture("a", None), picture("b", None)]);
-    let view = ReportView::new(&records, None);
+    let view = Report::new(&records, None);
     let section = view.sections.iter().find(|section| section.id == "uw-photons").unwrap();
     let embedded = || Embedded { uri: String::new(), own_px: [1; 2], shown_px: [1; 2] };
     let cells = section
         .measured()
         .flat_map(|(cell, measured)| measured.pictures.iter().map(move |p| (cell, p)));
-    let shown: Vec<Shown<'_>> =
-        cells.map(|(cell, picture)| Shown { cell, picture, embedded: embedded() }).collect();
+    let shown: Vec<PagePicture<'_>> =
+        cells.map(|(cell, picture)| PagePicture { cell, picture, embedded: embedded() }).collect();
     let differing = differing(&shown);
     assert_eq!(differing.len(), 1, "{differing:?}");
     let captions: Vec<String> =

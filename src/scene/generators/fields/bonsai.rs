@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::super::Dice;
 use super::distance::{cylinder, ellipsoid, limb, share, without};
-use super::{Field, FieldGenerator};
+use super::{FieldFn, FieldGenerator};
 use crate::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
@@ -38,7 +38,7 @@ struct Cluster {
     radii: DVec3,
 }
 
-fn bonsai() -> Field {
+fn bonsai() -> FieldFn {
     let (limbs, clusters) = grow();
     Box::new(move |p| {
         let vessel = POT * share(vessel(p), BLUR);

@@ -18,11 +18,11 @@ pub struct FieldGenerator {
     pub about: &'static str,
     /// Cells along x, y and z where the scene file does not say; their ratio is that of the box.
     pub cells: [u32; 3],
-    build: fn() -> Field,
+    build: fn() -> FieldFn,
 }
 
 /// Values 0 … 1 over a box whose longest edge is 1, about the origin.
-type Field = Box<dyn Fn(DVec3) -> f64 + Sync>;
+type FieldFn = Box<dyn Fn(DVec3) -> f64 + Sync>;
 
 pub fn all() -> impl Iterator<Item = &'static FieldGenerator> + Clone {
     [smoke::GENERATORS, bonsai::GENERATORS, scans::GENERATORS].into_iter().flatten()

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::distance::{cuboid, cylinder, share, without};
-use super::{Field, FieldGenerator};
+use super::{FieldFn, FieldGenerator};
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "engine_like",
@@ -25,7 +25,7 @@ const HALF: DVec3 = DVec3::new(0.28, 0.2, 0.38);
 /// Distance of each of the two bores from the middle, along z.
 const BORE_Z: f64 = 0.19;
 
-fn engine() -> Field {
+fn engine() -> FieldFn {
     Box::new(|p| {
         let cast = share(casting(p), BLUR);
         let hard = share(steel(p), BLUR);

@@ -1,6 +1,6 @@
 //! Smoke: fractal noise that thins out towards the border of the box.
 
-use super::{Field, FieldGenerator};
+use super::{FieldFn, FieldGenerator};
 use crate::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
@@ -19,7 +19,7 @@ const CONTRAST: f64 = 2.2;
 
 /// `falloff(r) · clamp(density + contrast · noise)` with `falloff = 1 − r²`, r the distance
 /// from the middle in the ellipsoid that touches the box's sides.
-fn smoke() -> Field {
+fn smoke() -> FieldFn {
     let half = 0.5 * GENERATORS[0].extent();
     Box::new(move |p| {
         let inside = 1.0 - (p / half).length_squared();

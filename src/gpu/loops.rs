@@ -10,7 +10,7 @@ use fathom_record::LoopTurns;
 /// Mesa's `src/gallium/auxiliary/gallivm/lp_bld_limits.h`. Loops inside one another and loops one after the other share the count,
 /// and it advances by the turns of the longest of the invocations that share a vector. A turn that only finds the loop's end counts too.
 /// SwiftShader has no such limit. The difference to 65,535 is for loops that are not counted, of few turns.
-pub const MOST_LOOP_TURNS: u64 = 65_000;
+pub const MAX_ITERATIONS: u64 = 65_000;
 /// Turns that the audit asks for: beyond what any stage needs in one invocation.
 const TRIED: u32 = 1 << 20;
 /// Of the outer and the inner of two loops.
@@ -19,34 +19,34 @@ const SIDE: u32 = 1 << 10;
 /// What an invocation does of `TRIED` turns, in one loop and in two of which one lies within the other.
 ///
 /// # Errors
-/// A fault of the device, turns whose work was not done, and a limit below [`MOST_LOOP_TURNS`].
-pub fn loop_turns(gpu: &Gpu) -> Result<LoopTurns, GpuError> {
+/// A fault of the device, turns whose work was not done, and a limit below [`MAX_ITERATIONS`].
+pub fn measure_loop_turns(gpu: &Gpu) -> Result<LoopTurns, GpuError> {
     let single = made(gpu, [1, TRIED])?;
     let nested = made(gpu, [SIDE, TRIED / SIDE])?;
-    if u64::from(single) < MOST_LOOP_TURNS {
+    if u64::from(single) < MAX_ITERATIONS {
         return Err(GpuError::Unusable(format!(
-            "the adapter ends loops after {single} turns; stages may make {MOST_LOOP_TURNS} in one pass, so their results would be false"
+            "the adapter ends loops after {single} turns; stages may make {MAX_ITERATIONS} in one pass, so their results would be false"
         )));
     }
     Ok(LoopTurns { tried: TRIED, single, nested })
 }
 
 /// What the audit found, for people.
-pub fn turns_line(found: LoopTurns) -> String {
+pub fn describe_loop_turns(found: LoopTurns) -> String {
     let LoopTurns { tried, single, nested } = found;
     if single.min(nested) == tried {
         return format!("loops: an invocation makes all of {tried} turns");
     }
     format!(
         "loops: of {tried} turns an invocation makes {single} in one loop and {nested} in nested ones; fathom's stages make at most \
-         {MOST_LOOP_TURNS} in one pass"
+         {MAX_ITERATIONS} in one pass"
     )
 }
 
 /// The invocation's own count.
 fn made(gpu: &Gpu, [outer, inner]: [u32; 2]) -> Result<u32, GpuError> {
     let shader = gpu.shader("audit/turns", &[])?;
-    let result = gpu.scoped(|| {
+    let result = gpu.catch(|| {
         use wgpu::BufferUsages as Usage;
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some("audit"),
@@ -94,12 +94,12 @@ mod tests {
     #[test]
     fn the_turns_of_this_adapter_are_found() {
         let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
-        let found = loop_turns(&gpu).expect("it makes enough turns");
+        let found = measure_loop_turns(&gpu).expect("it makes enough turns");
         if gpu.adapter.driver_info.contains("Mesa 22.3") {
             // 65,535 of all loops: each turn of the outer one counts, and the one that ends the inner one.
             assert_eq!((found.single, found.nested), (65_535, 65_409));
         } else {
-            assert!(u64::from(found.single) >= MOST_LOOP_TURNS, "{found:?}");
+            assert!(u64::from(found.single) >= MAX_ITERATIONS, "{found:?}");
         }
     }
 }

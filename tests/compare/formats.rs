@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use fathom::compare::store::StoredComparison;
+use fathom::compare::store::Comparison;
 use fathom::exporters;
 use fathom::judge::verdict::Verdicts;
 use fathom::record::comparison::{Compared, Gate, PairStates, Side, SideEnvironment, Skip};
 use fathom::record::{MachineState, Record, ThrottleReason};
 
-use super::common::{Ends, Place, Told, fathom, holds, names};
+use super::common::{CommandOutput, Ends, Place, fathom, holds, names};
 use super::stored::*;
 
 /// One cell for each verdict.
@@ -60,10 +60,10 @@ fn replayed(place: &Place, status: i32) -> String {
 }
 
 /// The exit status of a comparison, and what is told of it in this format.
-fn told(format: &str, stored: Stored) -> (i32, String) {
+fn render(format: &str, stored: Stored) -> (i32, String) {
     let records = stored.lines().into_iter().map(Record::from);
-    let comparison = StoredComparison::from_records(records).unwrap();
-    let verdicts = Verdicts::of(&comparison);
+    let comparison = Comparison::from_records(records).unwrap();
+    let verdicts = Verdicts::judge(&comparison);
     let exporter = exporters::OF_COMPARISONS.iter().find(|exporter| exporter.name == format);
     (verdicts.status as i32, (exporter.unwrap().export)(&verdicts))
 }
@@ -71,7 +71,7 @@ fn told(format: &str, stored: Stored) -> (i32, String) {
 /// What is told of a comparison, which ends with this status.
 #[track_caller]
 fn replay(comparison: Stored, status: i32, printed: &[&str]) {
-    let (found, text) = told("text", comparison);
+    let (found, text) = render("text", comparison);
     assert_eq!(found, status, "{text}");
     holds(&text, printed);
 }
@@ -131,7 +131,7 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
 
 /// The comment of a comparison, which has lines for one of a job's and a link of at most 15.
 fn comment(stored: Stored) -> String {
-    let (_, comment) = told("comment", stored);
+    let (_, comment) = render("comment", stored);
     assert!(comment.lines().count() <= 13, "{comment}");
     comment
 }
@@ -181,7 +181,7 @@ fn noise_is_told_before_the_verdicts() {
         (moved.times(TRACE, true, 1.06, 0.004), 2, "times cannot be used: the control "),
     ] {
         for format in ["text", "markdown", "comment"] {
-            let (found, text) = told(format, comparison.clone());
+            let (found, text) = render(format, comparison.clone());
             assert_eq!(found, status, "{text}");
             let (before, after) = text.split_once(noise).unwrap_or_else(|| panic!("{text}"));
             assert!(!before.contains("tank ") && after.contains("tank "), "{text}");
@@ -299,7 +299,7 @@ fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
             _ => {}
         }
     }
-    let (status, text) = told("text", comparison.clone());
+    let (status, text) = render("text", comparison.clone());
     assert_eq!(status, 2);
     for part in [
         "the head does not give caustics_photon_error_median_m of tank",
@@ -308,7 +308,10 @@ fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
     ] {
         assert_eq!(text.matches(part).count(), 1, "{part}: {text}");
     }
-    holds(&told("junit", comparison).1, &["<testcase name=\"exact fault 1\" classname=\"gate\">"]);
+    holds(
+        &render("junit", comparison).1,
+        &["<testcase name=\"exact fault 1\" classname=\"gate\">"],
+    );
 }
 
 #[test]
@@ -358,7 +361,7 @@ fn cells_that_no_gate_measures_are_refused_before_anything_is_written() {
     compare.args(base).refused("none of the gates that run here measures that");
     assert!(!place.path("out").exists());
     let mut compare = place.fathom("compare --gates exact --cells voxel/alpha --out out");
-    let Told { out, .. } = compare.args(base).ends(0);
+    let CommandOutput { out, .. } = compare.args(base).ends(0);
     assert!(out.contains("alpha voxel/alpha") && !out.contains("encode:"), "{out}");
 }
 
@@ -398,7 +401,7 @@ fn what_a_side_alone_was_given_is_told_in_every_report() {
         variables: [("LP_NATIVE".to_owned(), Some(hostile))].into(),
         values_digest: None,
     };
-    let text = told("text", comparison.clone()).1;
+    let text = render("text", comparison.clone()).1;
     let first = text.lines().next().unwrap();
     holds(first, &["origin/main (0.1.0) with LP_NATIVE=256, TOKEN → "]);
     assert!(first.ends_with("with LP_NATIVE=<b>|1 2"), "{first}");
@@ -407,7 +410,7 @@ fn what_a_side_alone_was_given_is_told_in_every_report() {
         ("junit", "with LP_NATIVE=&lt;b&gt;|1 2"),
         ("page", "with LP_NATIVE=&lt;b&gt;|1"),
     ] {
-        let text = told(format, comparison.clone()).1;
+        let text = render(format, comparison.clone()).1;
         holds(&text, &[expected]);
         assert!(!text.contains("<b>"), "{format}");
     }
@@ -441,7 +444,7 @@ fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
     ];
     replay(held(slower()), 1, &of_head);
     for format in ["markdown", "junit", "page"] {
-        let text = told(format, held(slower())).1;
+        let text = render(format, held(slower())).1;
         holds(&text, &["more often on the slower side"]);
     }
 }

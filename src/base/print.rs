@@ -1,7 +1,7 @@
 //! Everything that is printed: answers and messages on standard output, notes and errors on standard error.
 //!
 //! Printing neither panics nor ends a command. A note that cannot be written is lost. An answer is what a command was
-//! asked for and writes to no file; [`unanswered`] says why one could not be written, and the exit status follows from it.
+//! asked for and writes to no file; [`write_failure`] says why one could not be written, and the exit status follows from it.
 //! A pipe that its reader has closed (`| head`) is no failure: the reader has what it wanted. A standard stream that is
 //! closed when the program starts is opened by the standard library on `/dev/null`, so that no file takes its number.
 
@@ -15,7 +15,7 @@ use crate::text;
 static QUIET: OnceLock<()> = OnceLock::new();
 
 /// From now on this process prints answers and errors alone.
-pub fn be_quiet() {
+pub fn set_quiet() {
     let _ = QUIET.set(());
 }
 
@@ -29,20 +29,20 @@ pub fn answer(answer: impl Display) {
         text.push('\n');
     }
     // It never fails.
-    let _ = Answer.write_all(text.as_bytes());
+    let _ = AnswerWriter.write_all(text.as_bytes());
 }
 
 /// Prints one line on standard output about what was done, such as the path of a file that was written.
-pub fn done(message: impl Display) {
+pub fn status(message: impl Display) {
     if FAILURE.get().is_none() {
-        let _ = put(&mut stdout(), &message);
+        let _ = write_message(&mut stdout(), &message);
     }
 }
 
 /// Prints one line on standard error.
 pub fn note(message: impl Display) {
     if QUIET.get().is_none() {
-        let _ = put(&mut stderr(), &message);
+        let _ = write_message(&mut stderr(), &message);
     }
 }
 
@@ -50,19 +50,19 @@ pub fn note(message: impl Display) {
 pub fn error(message: impl Display) {
     let message = message.to_string();
     let lines: Vec<&str> = message.lines().map(str::trim).collect();
-    let _ = put(&mut stderr(), &format!("error: {}", lines.join(" ")));
+    let _ = write_message(&mut stderr(), &format!("error: {}", lines.join(" ")));
 }
 
-fn put(stream: &mut impl Write, message: &impl Display) -> io::Result<()> {
+fn write_message(stream: &mut impl Write, message: &impl Display) -> io::Result<()> {
     let line = text::line(message.to_string().trim_end()) + "\n";
     stream.write_all(line.as_bytes())
 }
 
-/// Standard output as a writer of an answer's bytes. It takes everything; [`unanswered`] says what went wrong.
+/// Standard output as a writer of an answer's bytes. It takes everything; [`write_failure`] says what went wrong.
 #[derive(Clone, Copy, Debug)]
-pub struct Answer;
+pub struct AnswerWriter;
 
-impl Write for Answer {
+impl Write for AnswerWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if FAILURE.get().is_none() {
             failed_if(stdout().write_all(bytes));
@@ -87,7 +87,7 @@ pub fn failed_if(printed: io::Result<()>) {
 }
 
 /// Why an answer could not be written; none where its reader closed the pipe.
-pub fn unanswered() -> Option<&'static io::Error> {
-    let _ = Answer.flush();
+pub fn write_failure() -> Option<&'static io::Error> {
+    let _ = AnswerWriter.flush();
     FAILURE.get().filter(|error| error.kind() != ErrorKind::BrokenPipe)
 }

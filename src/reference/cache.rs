@@ -13,11 +13,10 @@ const CODE: &str = env!("FATHOM_REFERENCES");
 
 /// The content that an answer follows from, as it is being gathered.
 #[derive(Clone)]
-pub struct Content(Sha256);
+pub struct AnswerKey(Sha256);
 
-impl Content {
-    /// Of a question of this kind.
-    pub fn of(kind: &str) -> Self {
+impl AnswerKey {
+    pub fn new(kind: &str) -> Self {
         Self(Sha256::new()).with(CODE.as_bytes()).with(kind.as_bytes())
     }
 
@@ -36,16 +35,16 @@ impl Content {
 
 /// A folder of answers; none keeps nothing.
 #[derive(Clone, Debug, Default)]
-pub struct KeptAnswers {
+pub struct AnswerCache {
     pub folder: Option<PathBuf>,
 }
 
-impl KeptAnswers {
+impl AnswerCache {
     /// The answer to a question of this content. A file that is absent or cannot be read is made anew; one that cannot be
     /// written costs the next run its time, and nothing else.
     pub fn answer<T: Serialize + DeserializeOwned>(
         &self,
-        content: Content,
+        content: AnswerKey,
         compute: impl FnOnce() -> T,
     ) -> T {
         let Some(folder) = &self.folder else { return compute() };
@@ -72,34 +71,34 @@ fn write(folder: &Path, path: &Path, answer: &impl Serialize) -> std::io::Result
 mod tests {
     use super::*;
 
-    fn content(parts: &[&str]) -> Content {
-        parts.iter().fold(Content::of("test"), |content, part| content.with(part.as_bytes()))
+    fn content(parts: &[&str]) -> AnswerKey {
+        parts.iter().fold(AnswerKey::new("test"), |content, part| content.with(part.as_bytes()))
     }
 
     #[test]
     fn an_answer_is_computed_once_for_each_content() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = KeptAnswers { folder: Some(folder.path().join("new")) };
+        let kept = AnswerCache { folder: Some(folder.path().join("new")) };
         let asked = |parts: &[&str], value: f64| kept.answer(content(parts), || vec![value]);
         assert_eq!(asked(&["a", "b"], 0.1), [0.1]);
         assert_eq!(asked(&["a", "b"], 2.0), [0.1], "kept, to the last bit");
         for other in [&["ab"][..], &["a", "b", ""], &["b", "a"]] {
             assert_eq!(asked(other, 3.0), [3.0], "{other:?}");
         }
-        let none = KeptAnswers::default();
+        let none = AnswerCache::default();
         assert_eq!(none.answer(content(&["a", "b"]), || vec![4.0]), [4.0]);
     }
 
     #[test]
     fn a_damaged_file_is_made_anew_and_a_folder_that_is_none_costs_nothing_but_time() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = KeptAnswers { folder: Some(folder.path().to_owned()) };
+        let kept = AnswerCache { folder: Some(folder.path().to_owned()) };
         kept.answer(content(&[]), || 1);
         let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
         std::fs::write(&file, b"{").unwrap();
         assert_eq!(kept.answer(content(&[]), || 2), 2);
         assert_eq!(kept.answer(content(&[]), || 3), 2);
-        let none = KeptAnswers { folder: Some(file.join("below a file")) };
+        let none = AnswerCache { folder: Some(file.join("below a file")) };
         assert_eq!(none.answer(content(&[]), || 4), 4);
     }
 }
