@@ -166,6 +166,8 @@ fn command_lines_that_documents_show_run() {
         "is absent",
         "is not installed",
         "no comparison",
+        "no GPU adapter found",
+        "in this history",
     ];
     let mut failed = Vec::new();
     for CommandLine { document, words, .. } in shown().into_iter().filter(|line| !line.is_inline) {
