@@ -195,8 +195,8 @@ mod tests {
             assert!(told.contains(expected) && told.lines().count() == 1, "{expected}: {told}");
         };
         for (words, expected) in [
-            ("volum_ao plane a=1,2", "did you mean `volume_ao`?; there are underwater, "),
-            ("x plane a=1,2", "; there are underwater, voxelize, volume_ao, hsao, "),
+            ("volum_ao plane a=1,2", "did you mean `volume_ao`?"),
+            ("qqq plane a=1,2", "; there are underwater, voxelize, volume_ao, hsao, "),
             ("volume_ao plane", "--axis PARAM=V1,V2,…; sizes of volume_ao are "),
             ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
             ("volume_ao plane caustics.grid=32,64", "which is one of underwater"),

@@ -22,7 +22,7 @@ const MAX_LINES: usize = 200;
 /// Rows of tables: of the papers' claims that are not supported, of own hypotheses, of stages, of exponents.
 const MAX_CLAIMS: [usize; 2] = [36, 10];
 const MAX_STAGES: usize = 30;
-const MAX_EXPONENTS: usize = 20;
+const MAX_EXPONENTS: usize = 18;
 const MAX_NOTES: usize = 5;
 
 fn export(view: &Report<'_>) -> String {
