@@ -171,7 +171,18 @@ fn every_cell_is_paired_in_every_round_of_every_launch() {
 #[test]
 fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
     let mut bench = Simulated::default();
-    measure(&mut bench);
+    let found = measure(&mut bench);
+    for pair in &found.pairs {
+        let key = (pair.launch, pair.control, &pair.cell);
+        let own = bench
+            .samples
+            .iter()
+            .filter(|sample| (sample.0, sample.1.is_control(), &sample.2) == key);
+        // The round before the first is not kept.
+        let first = own.map(|sample| sample.1).nth(2 + 2 * pair.round as usize).unwrap();
+        let is_base = matches!(first, WorkerRole::Base | WorkerRole::ControlBase);
+        assert_eq!(pair.first, if is_base { Side::Base } else { Side::Head });
+    }
     let mut orders = BTreeSet::new();
     // Four visits a round, two samples a visit; the control's sides are workers of their own.
     for round in bench.samples.chunks(8) {
