@@ -21,7 +21,6 @@ fn bad_input_is_one_clear_line_and_status_2() {
     for (words, reason) in [
         ("run uw-defalt", "unknown experiment `uw-defalt`; did you mean `uw-default`?"),
         ("run tank", "experiment `tank`: this is a scene; see `fathom list experiments`"),
-        ("run uw-photons --scene tank", "unexpected argument '--scene' found"),
         ("run uw-photons --axis zzz=3", "has no axis `zzz`; there are caustics.grid, "),
         ("run --set nothing", "not of the form PATH=VALUE"),
         ("run --profile qick", "'quick'"),

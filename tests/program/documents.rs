@@ -166,8 +166,8 @@ fn command_lines_that_documents_show_run() {
         "is absent",
         "is not installed",
         "no comparison",
-        "no GPU adapter found",
-        "in this history",
+        "nothing in this history fits",
+        "no time in this history is a control",
     ];
     let mut failed = Vec::new();
     for CommandLine { document, words, .. } in shown().into_iter().filter(|line| !line.is_inline) {
@@ -178,8 +178,10 @@ fn command_lines_that_documents_show_run() {
             process::run(&mut command, limits, &mut |_| ())
         {
             let said = complaint.to_string();
+            let has_driver = words.iter().any(|word| word.contains("VK_DRIVER_FILES="));
             if status.code().is_none_or(|code| code == 2)
                 && !lacks.iter().any(|reason| said.contains(reason))
+                && !(has_driver && said.contains("no GPU adapter found"))
             {
                 failed.push(format!("{document}: {}: {said}", words.join(" ")));
             }

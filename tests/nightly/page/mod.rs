@@ -133,14 +133,13 @@ fn what_a_reader_filters_stays_in_the_address(browser: &Browser, page: &Path) {
     assert_eq!(browser.eval("return location.hash"), "#cells?cell-words=dragon");
 }
 
-/// Nothing but what scrolls by itself is wider than the window, and no type is smaller than 12 px, on paper 6 px (4.5 points).
+/// Nothing but what scrolls by itself is wider than the window, and no type is smaller than 12 px.
 fn fits(browser: &Browser, display: Display) {
     let wide = browser.eval("return document.documentElement.scrollWidth - innerWidth");
     assert!(wide.as_f64().unwrap() <= 0.0, "{display:?}: {wide} px too wide");
-    let min_px = if display.print { 6.0 } else { 11.99 };
     let small = browser
         .eval(
-            &"const small = new Set();
+            "const small = new Set();
              const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
              while (texts.nextNode()) {
                const holder = texts.currentNode.parentElement;
@@ -149,9 +148,9 @@ fn fits(browser: &Browser, display: Display) {
                const svg = holder.closest('svg');
                const scale = svg?.viewBox.baseVal?.width ? svg.getBoundingClientRect().width / svg.viewBox.baseVal.width : 1;
                const size = parseFloat(getComputedStyle(holder).fontSize) * (scale || 1);
-               if (box.width > 0 && size < MIN_PX) small.add(`${holder.tagName} ${holder.textContent.slice(0, 40)} ${size}`);
+               if (box.width > 0 && size < 11.99) small.add(`${holder.tagName} ${holder.textContent.slice(0, 40)} ${size}`);
              }
-             return [...small].slice(0, 5)".replace("MIN_PX", &f64::to_string(&min_px)),
+             return [...small].slice(0, 5)",
         );
     assert_eq!(small, json!([]), "{display:?}");
 }
