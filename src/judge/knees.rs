@@ -12,7 +12,7 @@ pub const MIN_CHANGE: f64 = 0.25;
 /// Where along the sizes something changes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Knee {
-    Seen(SeenKnee),
+    Seen(KneeBracket),
     /// Every size was settled, and nothing changes between them.
     NotSeen,
     /// Intervals are too wide or samples too few, for this reason.
@@ -21,7 +21,7 @@ pub enum Knee {
 
 /// A change that lies between two sizes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenKnee {
+pub struct KneeBracket {
     /// The best guess of where.
     pub at: f64,
     pub between: Interval,
@@ -69,7 +69,7 @@ pub fn crossing(points: &[ShareAt], bound: f64) -> Knee {
     let along = (bound - shares[0]) / (shares[1] - shares[0]);
     let at = (before.size.ln() * (1.0 - along) + after.size.ln() * along).exp();
     let between = Interval { low: before.size, high: after.size };
-    Knee::Seen(SeenKnee { at, between, before: shares[0], after: shares[1] })
+    Knee::Seen(KneeBracket { at, between, before: shares[0], after: shares[1] })
 }
 
 /// Where the exponent of `y ∝ x^b` changes: between neighbouring sizes it is `ln(y₂/y₁) / ln(x₂/x₁)`, round by round, and two of these
@@ -100,7 +100,7 @@ pub fn change_of_exponent(points: &[(f64, Quantity)]) -> Knee {
     }
     let nearest = seen.into_iter().min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     match nearest {
-        Some((_, _, [a, b])) => Knee::Seen(SeenKnee {
+        Some((_, _, [a, b])) => Knee::Seen(KneeBracket {
             at: (points[a + 1].0 * points[b].0).sqrt(),
             between: Interval { low: points[a].0, high: points[b + 1].0 },
             before: steps[a].median(),
@@ -139,7 +139,7 @@ mod tests {
 
     fn between(knee: Knee) -> Result<[f64; 2], bool> {
         match knee {
-            Knee::Seen(SeenKnee { at, between: Interval { low, high }, .. }) => {
+            Knee::Seen(KneeBracket { at, between: Interval { low, high }, .. }) => {
                 assert!((low..=high).contains(&at));
                 Ok([low, high])
             }

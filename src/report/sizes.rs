@@ -12,7 +12,7 @@ use fathom_base::statistics;
 use fathom_experiments::schema::FIXED_SHARE;
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, Measure, groups, label_text, scaling};
-use fathom_judge::knees::{Knee, SeenKnee, ShareAt, change_of_exponent, crossing};
+use fathom_judge::knees::{Knee, KneeBracket, ShareAt, change_of_exponent, crossing};
 use fathom_record::{Cell, ErrorFigure, Measured, Outcome, StageRecord};
 
 /// Stages that stay below this share of the frame at every size stand in one row.
@@ -230,8 +230,8 @@ fn why(cell: &Cell) -> Option<String> {
 }
 
 /// `181 (128 – 256)`
-fn place(knee: &SeenKnee) -> String {
-    let SeenKnee { at, between, .. } = knee;
+fn place(knee: &KneeBracket) -> String {
+    let KneeBracket { at, between, .. } = knee;
     format!("{} ({} – {})", si(*at), si(between.low), si(between.high))
 }
 
