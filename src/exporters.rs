@@ -33,10 +33,7 @@ pub fn comparison_files(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
 
 /// Whether there is a format of this name: told before a folder is read.
 pub fn check_format(name: &str) -> anyhow::Result<()> {
-    if exporter_names().any(|known| known == name) {
-        return Ok(());
-    }
-    Err(unknown(name))
+    exporter_names().any(|known| known == name).then_some(()).ok_or_else(|| unknown(name))
 }
 
 /// One format, of the records that were read in a folder.

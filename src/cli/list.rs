@@ -120,6 +120,7 @@ fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec
     let mut rows = all_rows(catalog, what, args)?;
     if let Some(filter) = &args.filter {
         rows.retain(|row| row.text().iter().any(|text| text.contains(filter)));
+        anyhow::ensure!(!rows.is_empty(), "`list {}` has no row with `{filter}`", name(what));
     }
     Ok(rows)
 }

@@ -30,8 +30,13 @@ pub struct SweepArgs {
     /// Set a parameter of every cell
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,
-    /// Azimuth and elevation in degrees, from where the scene fills the view; or position and target in metres, six numbers
-    #[arg(long, value_name = "NUMBERS", value_delimiter = ',', allow_hyphen_values = true)]
+    /// Azimuth and elevation in degrees, from where the scene fills the view
+    #[arg(
+        long,
+        value_name = "AZIMUTH,ELEVATION",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
     pub camera: Option<Vec<f64>>,
     /// Sizes: `quick` has a view of 160 × 120 pixels, `paper` that of the pipeline [default: by the adapter]
     #[arg(long, value_enum)]

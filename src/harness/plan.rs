@@ -52,9 +52,8 @@ impl Request {
         } else {
             self.experiments.clone()
         };
-        let is_scene = |name: &str| catalog.scenes.text(&format!("{name}.toml")).is_some();
         let load = |name: &String| match Experiment::load_from(&catalog.experiments, name) {
-            Err(_) if is_scene(name) => {
+            Err(_) if catalog.scenes.text(&format!("{name}.toml")).is_some() => {
                 Err(ExperimentError::new(name, "this is a scene; see `fathom list experiments`"))
             }
             loaded => loaded,

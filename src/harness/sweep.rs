@@ -3,7 +3,6 @@
 use std::iter::once;
 
 use anyhow::{Result, bail, ensure};
-use glam::DVec3;
 use itertools::Itertools as _;
 use serde_json::{Map, Value, json};
 
@@ -59,6 +58,8 @@ impl SweepRequest {
     }
 
     fn check_axes(&self, params: &Value) -> Result<()> {
+        let share = self.knee_share;
+        ensure!(share > 0.0 && share < 1.0, "--share {share} must lie between 0 and 1");
         let is_size = |path: &String| {
             let value = parameter::get(params, path);
             value.is_some_and(Value::is_u64) && !path.contains("seed")
@@ -141,22 +142,12 @@ impl SweepRequest {
     /// The parameters of the camera that was asked for.
     fn camera(&self, subject: &Subject) -> Result<Vec<(String, Value)>> {
         let Some(numbers) = &self.camera else { return Ok(Vec::new()) };
-        let bounds = subject.scene.solid_bounds();
-        let camera = match numbers[..] {
-            [azimuth, elevation] => Camera::around(&bounds, [azimuth, elevation]),
-            [x, y, z, tx, ty, tz] => {
-                // Its clipping planes hold the whole scene.
-                let corners = bounds.corners().map(|corner| corner.distance(DVec3::new(x, y, z)));
-                let far = corners.into_iter().fold(f64::MIN_POSITIVE, f64::max);
-                Camera::new([x, y, z], [tx, ty, tz], 60.0, [far / 100.0, far])
-            }
-            _ => bail!(
-                "--camera takes AZIMUTH,ELEVATION in degrees, or X,Y,Z,X,Y,Z of the camera and of what it looks at in metres; the scene lies \
-                 from {} to {}",
-                bounds.min,
-                bounds.max
-            ),
+        let [azimuth, elevation] = numbers[..] else {
+            bail!(
+                "--camera takes AZIMUTH,ELEVATION in degrees; --set camera.position_m and camera.target_m set any other"
+            );
         };
+        let camera = Camera::around(&subject.scene.solid_bounds(), [azimuth, elevation]);
         camera.validate().map_err(anyhow::Error::msg)?;
         let tree = parameter::tree(&camera);
         let leaves = parameter::leaves(&tree).into_iter();
@@ -195,7 +186,6 @@ mod tests {
             assert!(told.contains(expected) && told.lines().count() == 1, "{expected}: {told}");
         };
         for (words, expected) in [
-            ("volum_ao plane a=1,2", "did you mean `volume_ao`?"),
             ("qqq plane a=1,2", "; there are underwater, voxelize, volume_ao, hsao, "),
             ("volume_ao plane", "--axis PARAM=V1,V2,…; sizes of volume_ao are "),
             ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
@@ -208,7 +198,6 @@ mod tests {
             ("volume_ao NOTES ao.rays=1,2", "a scene's file ends in .toml, a mesh in .obj, .ply, "),
             ("volume_ao BROKEN ao.rays=1,2", "out of bounds"),
             ("volume_ao no/such.glb ao.rays=1,2", "cannot read the mesh no/such.glb"),
-            ("volume_ao plan ao.rays=1,2", "did you mean `plane`?"),
         ] {
             let files = [("NOTES", "notes.txt"), ("BROKEN", "broken.obj")];
             let words = files.into_iter().fold(words.to_owned(), |words, (word, name)| {
@@ -221,7 +210,7 @@ mod tests {
         told(SweepRequest { sets, ..good() }, "leave --set ao.rays out");
         let camera = Some(vec![1.0]);
         told(SweepRequest { camera, ..good() }, "--camera takes AZIMUTH,ELEVATION");
-        told(SweepRequest { knee_share: 50.0, ..good() }, "must lie between 0 and 1");
+        told(SweepRequest { knee_share: f64::NAN, ..good() }, "must lie between 0 and 1");
     }
 
     #[test]

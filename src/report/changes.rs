@@ -212,10 +212,8 @@ fn times_block(times: &TimeChanges<'_>, views: [&Report<'_>; 2]) -> Vec<Block> {
     let common = times.common.map_or(1.0, |common| common.ratio);
     let noises = views.map(|view| view.verdict.as_ref().map(|verdict| verdict.noise));
     let are_quiet = noises == [Some(Noise::Quiet); 2];
-    let mut lead = Vec::new();
-    if !are_quiet {
-        lead.push("which stage became slower cannot be judged: both runs must be quiet".to_owned());
-    }
+    let open = "which stage became slower cannot be judged: both runs must be quiet";
+    let mut lead: Vec<String> = (!are_quiet).then(|| open.to_owned()).into_iter().collect();
     lead.push(times.common.as_ref().map_or_else(
         || format!("{} are too few to judge one among them", count_noun(times.stages, "stage")),
         common_words,

@@ -43,13 +43,11 @@ pub fn assert_refused<T: Clone>(
     }
 }
 
-/// ` (did you mean NAME?)`, or a list of what there is when nothing is near.
-pub fn hint<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str> + Clone) -> String {
-    match text::nearest(name, candidates.clone()) {
-        Some(found) => format!("did you mean `{found}`?"),
-        None => {
-            let all: Vec<&str> = candidates.into_iter().collect();
-            format!("there are: {}", all.join(", "))
-        }
+/// `did you mean NAME?`, or a list of what there is when nothing is near.
+pub fn hint<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> String {
+    let all: Vec<&str> = candidates.into_iter().collect();
+    match text::nearest(name, all.iter().copied()) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("there are: {}", all.join(", ")),
     }
 }

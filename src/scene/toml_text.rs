@@ -23,7 +23,7 @@ pub fn find(folders: &Folders, name_or_path: &str) -> Result<(String, String), S
         return Ok((format!("{folder}/{file}"), text));
     }
     let path = Path::new(name_or_path);
-    if path.extension().is_none() && !path.is_file() {
+    if path.extension().is_none() && (path.is_dir() || !path.exists()) {
         let scenes = folders.texts(".toml");
         return Err(SceneError::Unknown {
             name: name_or_path.to_owned(),

@@ -291,7 +291,7 @@ fn an_unknown_adapter_lists_those_that_are_there() {
     let first = Options { adapter: Some("0".to_owned()), unchecked: true, ..Options::default() };
     let gpu = Gpu::open(&first).expect("the first is there");
     assert_eq!(gpu.adapter.name, Gpu::list()[0].adapter.name);
-    gpu.shader("audit/turns", &[]).expect("it links without checks, too");
+    gpu.shader("audit/loops", &[]).expect("it links without checks, too");
 }
 
 #[test]

@@ -68,10 +68,10 @@ fn card(Card { section, question, parts }: &Card, below: &Markup) -> Markup {
 
 /// A mark for each claim of the papers, which leads to its experiment.
 fn claim_marks(view: &Report<'_>) -> Markup {
-    let claims = view.sections.iter().flat_map(|section| {
-        let of_papers = |ruling: &&Ruling| ruling.origin == ClaimOrigin::Publication;
-        section.rulings().iter().filter(of_papers).map(|ruling| (section.id, ruling))
-    });
+    let sections = view.sections.iter();
+    let all =
+        sections.flat_map(|section| section.rulings().iter().map(|ruling| (section.id, ruling)));
+    let claims = all.filter(|(_, ruling)| ruling.origin == ClaimOrigin::Publication);
     html! {
         p.marks {
             @for (id, ruling) in claims.sorted_by_key(|(_, ruling)| std::cmp::Reverse(ruling.verdict)) {

@@ -42,7 +42,7 @@ mod tests {
         ("ao/bilateral", "1,024 taps"),
         ("ao/march", "slices of rays"),
         ("ao/query", "slices of rays"),
-        ("audit/turns", "more turns than some adapters make, on purpose"),
+        ("audit/loops", "more turns than some adapters make, on purpose"),
         ("caustics/filter", "1,024 taps"),
         ("caustics/splat", "`SPLAT_ROWS` rows an invocation, told in `scatter`"),
         ("caustics/trace", "told in `photon::tracing`"),
