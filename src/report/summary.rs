@@ -35,7 +35,7 @@ fn export(view: &Report<'_>) -> String {
     let place = link("page", page::FILE);
     let mut parts = overview::caveats(view);
     // Of exponents there is a table, and of limits the page has one.
-    for card in overview::cards(view).into_iter().take(3) {
+    for card in overview::cards(view).into_iter().take(3).filter(|card| !card.parts.is_empty()) {
         parts.push(Block::paragraph(Span::Bold(card.question.to_owned())));
         parts.extend(card.parts);
     }

@@ -49,8 +49,8 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
         div.glance {
             @if !page.is_overlay() { div.drawings { (drawings(page, run.view)) } }
             div.cards {
-                @for (index, other) in others.iter().enumerate() {
-                    (card(other, &if index == 0 { claim_marks(run.view) } else { html! {} }))
+                @for other in others.iter().filter(|card| !card.parts.is_empty()) {
+                    (card(other, &if other.section == "claims" { claim_marks(run.view) } else { html! {} }))
                 }
             }
         }
