@@ -65,7 +65,7 @@ fn advice(advice: &Advice) -> String {
             let change = three(100.0 * change.abs());
             format!("do not compare times of early and late cells, which drifted by {change} %")
         }
-        Advice::MoreSamples => "add samples by fathom run --resume --budget 10m".to_owned(),
+        Advice::MoreSamples => "add samples: resume the run with --budget 10m".to_owned(),
     }
 }
 
