@@ -27,6 +27,7 @@ pub const EXPORTER: RunExporter = Exporter {
 type CellField = fn(&RunCell<'_>) -> String;
 type StageField = fn(&StageRecord) -> String;
 type FrameField = fn(&Measured) -> String;
+type ErrorField = fn(&ErrorFigure) -> String;
 
 const CELL_COLUMNS: [(&str, CellField); 10] = [
     ("experiment", |entry| entry.cell.experiment.clone()),
@@ -62,7 +63,7 @@ const STAGE_COLUMNS: [(&str, StageField); 13] = [
 ];
 
 /// The first error that judges the stage's output: the others are among the quantities.
-const OF_ERROR: [(&str, fn(&ErrorFigure) -> String); 3] = [
+const ERROR_COLUMNS: [(&str, ErrorField); 3] = [
     ("error", |error| number(error.value)),
     ("error_name", |error| error.name.clone()),
     ("error_unit", |error| error.unit.clone()),
@@ -96,7 +97,7 @@ fn export(view: &Report<'_>, to: &mut dyn Write) -> io::Result<()> {
     let of_cell = CELL_COLUMNS.iter().map(|(name, _)| (*name).to_owned());
     let of_axes = axes.iter().map(|name| format!("axis:{name}"));
     let of_stage =
-        STAGE_COLUMNS.iter().map(|(name, _)| *name).chain(OF_ERROR.map(|(name, _)| name));
+        STAGE_COLUMNS.iter().map(|(name, _)| *name).chain(ERROR_COLUMNS.map(|(name, _)| name));
     let of_frame = FRAME_COLUMNS.iter().map(|(name, _)| *name).chain(["quantities"]);
     let others = of_stage.chain(Work::NAMES.iter().copied()).chain(of_frame);
     let header = of_cell.chain(of_axes).chain(others.map(str::to_owned)).collect_vec();
@@ -124,7 +125,7 @@ fn rows(entry: &RunCell<'_>, axes: &[&str], columns: usize) -> Vec<Vec<String>> 
         let quantities = if index == 0 { quantities(measured) } else { String::new() };
         let of_stage = STAGE_COLUMNS.iter().map(|(_, field)| field(stage)).collect();
         let error = measured.errors.iter().find(|error| error.stage == stage.stage);
-        let of_error = OF_ERROR.map(|(_, field)| error.map_or_else(String::new, field));
+        let of_error = ERROR_COLUMNS.map(|(_, field)| error.map_or_else(String::new, field));
         let of_frame = FRAME_COLUMNS.iter().map(|(_, field)| field(measured)).collect();
         [of_cell.clone(), of_stage, of_error.into(), work, of_frame, vec![quantities]].concat()
     };
