@@ -1,5 +1,8 @@
 //! Buffers and textures read back to the CPU.
 
+use half::f16;
+use half::slice::{HalfBitsSliceExt as _, HalfFloatSliceExt as _};
+
 use super::{DeviceError, Gpu, GpuError};
 
 /// A texture's texels as floats, row by row from the top, the channels of a texel together.
@@ -89,7 +92,7 @@ fn read_texels(
 ) -> Result<(u32, Vec<f32>), GpuError> {
     let layout = TexelLayout::from_format(texture.format())?;
     let bytes = texel_bytes(gpu, (texture, level, size), layout.bytes)?;
-    Ok((layout.channels, layout.decode(&bytes).collect()))
+    Ok((layout.channels, (layout.decode)(&bytes)))
 }
 
 fn texel_bytes(
@@ -104,11 +107,8 @@ fn texel_bytes(
         let staging = staging(gpu, bytes);
         copy_to(gpu, (texture, level, size), &staging, pitch);
         Ok(gpu.map(&staging, bytes, |padded| {
-            padded
-                .chunks_exact(pitch as usize)
-                .flat_map(|padded| &padded[..row as usize])
-                .copied()
-                .collect()
+            let rows = padded.chunks_exact(pitch as usize).map(|padded| &padded[..row as usize]);
+            rows.collect::<Vec<_>>().concat()
         })?)
     })
 }
@@ -140,15 +140,18 @@ struct TexelLayout {
     /// Of a texel.
     bytes: u32,
     channels: u32,
-    decode: fn(&[u8]) -> f32,
+    decode: fn(&[u8]) -> Vec<f32>,
 }
 
 impl TexelLayout {
     fn from_format(format: wgpu::TextureFormat) -> Result<Self, GpuError> {
         use wgpu::TextureFormat as Format;
-        let float: fn(&[u8]) -> f32 = |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-        let half: fn(&[u8]) -> f32 = |b| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
-        let unorm: fn(&[u8]) -> f32 = |b| f32::from(b[0]) / 255.0;
+        let float: fn(&[u8]) -> Vec<f32> = bytemuck::pod_collect_to_vec;
+        let half: fn(&[u8]) -> Vec<f32> = |bytes| {
+            bytemuck::pod_collect_to_vec::<u8, u16>(bytes).reinterpret_cast::<f16>().to_f32_vec()
+        };
+        let unorm: fn(&[u8]) -> Vec<f32> =
+            |bytes| bytes.iter().map(|byte| f32::from(*byte) / 255.0).collect();
         let (bytes, channels, decode) = match format {
             Format::R32Float | Format::Depth32Float => (4, 1, float),
             Format::Rgba32Float => (16, 4, float),
@@ -162,9 +165,5 @@ impl TexelLayout {
             }
         };
         Ok(Self { bytes, channels, decode })
-    }
-
-    fn decode(self, row: &[u8]) -> impl Iterator<Item = f32> {
-        row.chunks_exact((self.bytes / self.channels) as usize).map(self.decode)
     }
 }
