@@ -120,11 +120,11 @@ pub fn audit_cpu_time(gpu: &Device) -> Result<(Vec<AuditRow>, Option<ClockPlan>)
     let kernels = Kernels::new(gpu)?;
     let mut submissions = SubmissionCosts::new(gpu, HostClock::ProcessCpu)?;
     submissions.time(gpu, SUBMISSIONS)?;
-    let fenced = ClockPlan::fenced(submissions.cost());
-    let work = calibrate(gpu, &kernels, fenced)?;
-    let rows = process_cpu(gpu, &kernels, work, fenced)?;
+    let plan = ClockPlan::process_cpu(submissions.cost());
+    let work = calibrate(gpu, &kernels, plan)?;
+    let rows = process_cpu(gpu, &kernels, work, plan)?;
     let sound = rows.iter().all(|row| row.sound);
-    Ok((rows, sound.then(|| ClockPlan::process_cpu(submissions.cost()))))
+    Ok((rows, sound.then_some(plan)))
 }
 
 /// A row for each kind of pass: the CPU time of the process against the wall clock, both of the same submissions.
@@ -132,9 +132,9 @@ fn process_cpu(
     gpu: &Device,
     kernels: &Kernels,
     work: [u32; 3],
-    fenced: ClockPlan,
+    plan: ClockPlan,
 ) -> Result<Vec<AuditRow>, DeviceError> {
-    let mut timer = FrameTimer::new(gpu, fenced, 0)?;
+    let mut timer = FrameTimer::new(gpu, plan, 0)?;
     let mut row = |index: usize| {
         let mut series = Series::new(Clock::ProcessCpu);
         let start = Instant::now();
@@ -246,22 +246,20 @@ fn check_row(gpu: &Device, row: AuditRow) -> AuditRow {
     }
 }
 
-/// N for each kind: the work at which a pass alone takes about as long as is wanted.
-fn calibrate(gpu: &Device, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3], DeviceError> {
+/// N for each kind: the work at which a pass alone takes about as long as is wanted, by the host clock of this plan.
+fn calibrate(gpu: &Device, kernels: &Kernels, plan: ClockPlan) -> Result<[u32; 3], DeviceError> {
     let goal_ns = if gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
-    let mut timer = FrameTimer::new(gpu, fenced, 0)?;
+    let mut timer = FrameTimer::new(gpu, plan, 0)?;
     let mut work = [FIRST_WORK; 3];
     for (kind, work) in KINDS.into_iter().zip(&mut work) {
         for _ in 0..CALIBRATION_STEPS {
             let kernel = kernels.kernel(gpu, kind, *work, CALLS);
             // The first frame compiles, and touches fresh memory.
-            timer.time_stages(gpu, &[&kernel])?;
+            timer.run_stages(gpu, &[&kernel])?;
             let mut ns = f64::INFINITY;
             for _ in 0..CALIBRATION_FRAMES {
                 // The shortest is the least disturbed.
-                ns = ns.min(
-                    timer.time_stages(gpu, &[&kernel])?.envelope_ns - fenced.submit_cost.ns(kind),
-                );
+                ns = ns.min(timer.run_stages(gpu, &[&kernel])? - plan.submit_cost.ns(kind));
             }
             let short_by = goal_ns / ns.max(goal_ns / 1024.0);
             if (0.6..1.6).contains(&short_by) {
