@@ -64,7 +64,7 @@ pub struct CompareArgs {
     /// Seed of the order of cells and samples [default: drawn, and stored]
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Folder to write to [default: a new one in reports/out]
+    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Measure only what the folder lacks
@@ -129,7 +129,7 @@ pub struct SearchArgs {
     /// Seed of the order of cells and samples
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Folder to write to [default: a new one in reports/out]
+    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Go on with the search in the folder

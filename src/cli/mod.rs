@@ -274,10 +274,10 @@ pub struct RunArgs {
     /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
     #[arg(long, value_name = "SHARE")]
     pub precision: Option<f64>,
-    /// Folder to write to [default: a new one in reports/out]
+    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Measure what the folder's records lack, and go on with cells and claims that need more samples [default folder: the latest in reports/out]
+    /// Measure what the folder's records lack, and go on with cells and claims that need more samples [default folder: the latest one there]
     #[arg(long)]
     pub resume: bool,
     /// Seed of the order of cells and frames [default: drawn, and recorded]

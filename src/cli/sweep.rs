@@ -50,7 +50,7 @@ pub struct SweepArgs {
     /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 on a software driver, else 0.01]
     #[arg(long, value_name = "SHARE")]
     pub precision: Option<f64>,
-    /// Folder to write to [default: a new one in reports/out]
+    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Measure the adapter's limits first, so that stages have a share of them

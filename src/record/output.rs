@@ -15,8 +15,9 @@ use crate::{
 use fathom_base::folder::{self, Dir};
 use fathom_base::text;
 
-/// Where runs go that are not told where.
-pub const DEFAULT_FOLDER: &str = "reports/out";
+/// Where a run goes that is not told where: in a checkout of fathom, and elsewhere.
+const IN_CHECKOUT: &str = "reports/out";
+const ELSEWHERE: &str = "fathom-runs";
 /// Name of the records' file in the folder of a run or a comparison.
 pub const RECORDS: &str = "records.jsonl";
 /// Name of the folder of pictures, in a run's folder.
@@ -125,12 +126,11 @@ impl LockedFolder {
         Ok(taken)
     }
 
-    /// Takes the folder that is asked for, else one in [`DEFAULT_FOLDER`] that is named after this and the time.
+    /// Takes the folder that is asked for, else one in [`default_folder`] that is named after this and the time.
     pub fn lock_named(folder: Option<&Path>, name: &str) -> Result<Self, OutputError> {
         let fresh = || format!("{name}-{}", calendar::compact(Timestamp::now()));
-        Self::lock_free(
-            &folder.map_or_else(|| Path::new(DEFAULT_FOLDER).join(fresh()), Path::to_owned),
-        )
+        let default = || default_folder(Path::new("")).join(fresh());
+        Self::lock_free(&folder.map_or_else(default, Path::to_owned))
     }
 
     /// Takes a folder whose measurement is to be continued.
@@ -176,9 +176,15 @@ pub struct Recording {
     pub lock: FolderLock,
 }
 
+/// Where runs that start in this folder go by default.
+fn default_folder(current: &Path) -> PathBuf {
+    let is_checkout = ["reports", "shaders"].iter().all(|name| current.join(name).is_dir());
+    current.join(if is_checkout { IN_CHECKOUT } else { ELSEWHERE })
+}
+
 impl Recording {
     /// Makes the folder and tries that it can be written to, before anything is measured. Without
-    /// `asked` a new folder under [`DEFAULT_FOLDER`] is named after the adapter, the profile and the time.
+    /// `asked` a new folder under [`default_folder`] is named after the adapter, the profile and the time.
     pub fn create(
         asked: Option<&Path>,
         adapter: &str,
@@ -187,12 +193,11 @@ impl Recording {
         Self::open_run(LockedFolder::lock_named(asked, &name(adapter, profile))?)
     }
 
-    /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`].
+    /// The folder of the run to resume: `asked`, or the latest under [`default_folder`].
     pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
-        let default = Path::new(DEFAULT_FOLDER);
-        let folder = asked.map(Path::to_owned).or_else(|| latest(default));
-        let nothing =
-            || OutputError::NothingToResume { kind: FolderKind::Run, path: default.to_owned() };
+        let path = default_folder(Path::new(""));
+        let folder = asked.map(Path::to_owned).or_else(|| latest(&path));
+        let nothing = || OutputError::NothingToResume { kind: FolderKind::Run, path };
         let folder = folder.ok_or_else(nothing)?;
         Self::open_run(LockedFolder::lock_measured(&folder, FolderKind::Run)?)
     }
@@ -266,6 +271,19 @@ mod tests {
     fn files(folder: &Path) -> Vec<String> {
         let entries = std::fs::read_dir(folder).unwrap().flatten();
         entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).sorted().collect()
+    }
+
+    #[test]
+    fn runs_outside_a_checkout_go_into_a_folder_of_their_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let place =
+            || default_folder(folder.path()).strip_prefix(folder.path()).unwrap().to_owned();
+        for (made, expected) in
+            [("scenes", ELSEWHERE), ("reports", ELSEWHERE), ("shaders", IN_CHECKOUT)]
+        {
+            std::fs::create_dir(folder.path().join(made)).unwrap();
+            assert_eq!(place(), Path::new(expected), "{made}");
+        }
     }
 
     #[test]

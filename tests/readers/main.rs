@@ -349,7 +349,7 @@ fn cells(count: usize, kind: &str) -> Vec<Record> {
 #[test]
 fn what_a_report_allocates_grows_with_its_cells_and_not_with_their_square() {
     for kind in ["defined", "undefined", "scattered"] {
-        let [few, many] = [2_000, 8_000].map(|count| {
+        let [few, many] = [1_000, 4_000].map(|count| {
             let records = cells(count, kind);
             let (files, _, bytes) = counted(|| report::report_files(&records, None));
             let summary = String::from_utf8_lossy(&files.last().unwrap().bytes).into_owned();
