@@ -31,7 +31,7 @@ use thiserror::Error;
 
 use caustics_image::{CausticsPair, IMAGE_ERROR};
 use fathom_base::parameter::{self, ParamError, ParamField, Setting};
-use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
+use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo, TimedStage};
 use fathom_record::{ErrorFigure, PictureScale, Work};
 use fathom_reference::cache::AnswerCache;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
@@ -308,6 +308,18 @@ impl<P: PipelineInstance + ?Sized> BuiltPipeline<P> {
     /// In frame order.
     pub fn stages(&self) -> Vec<&Stage> {
         self.parts.stages.iter().map(AsRef::as_ref).collect()
+    }
+
+    /// Those of a frame up to the last of these, with the loop that it is in.
+    pub fn stages_up_to(&self, names: &[&str]) -> Vec<&Stage> {
+        let mut stages = self.stages();
+        let last = stages.iter().rposition(|stage| names.contains(&stage.name()));
+        let turns = last.map_or(1, |last| stages[last].iterations());
+        let end = last.map_or(0, |last| last + 1);
+        let in_loop = |stage: &&&Stage| turns > 1 && stage.iterations() == turns;
+        let end = end + stages[end..].iter().take_while(in_loop).count();
+        stages.truncate(end);
+        stages
     }
 
     pub fn allocated_bytes(&self) -> u64 {
