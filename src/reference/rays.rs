@@ -100,7 +100,8 @@ impl Tracer {
                     let [left, right] =
                         met.map(|(bounds, child)| (entry_m(bounds, origin, inverse), *child));
                     // The nearer one last, so that it is opened first.
-                    let [first, second] = if left.0 < right.0 { [right, left] } else { [left, right] };
+                    let [first, second] =
+                        if left.0 < right.0 { [right, left] } else { [left, right] };
                     open.extend([first, second].into_iter().filter(|(entry, _)| *entry <= limit));
                 }
             }
