@@ -174,12 +174,7 @@ impl Subjects {
         if let Some((_, scene)) = self.built.iter().find(|(known, _)| *known == file) {
             return Ok(Rc::clone(scene));
         }
-        let alike = self.built.iter().find(|(known, _)| known.geometry() == file.geometry());
-        let scene = match alike {
-            Some((_, known)) => known.with_settings(&file)?,
-            None => Scene::build(&file)?,
-        };
-        let scene = Rc::new(scene);
+        let scene = Rc::new(Scene::build(&file)?);
         for stand_in in &scene.stand_ins {
             if !self.silent && self.announced.insert(stand_in.clone()) {
                 print::note(format!("stand-in: {stand_in}"));

@@ -162,7 +162,7 @@ impl PipelineInstance for ScreenRefraction {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let mut angles_deg = self.angles_deg(&self.read_exits(judge.gpu)?, judge);
+        let mut angles_deg = self.angles_deg(&self.read_exits(judge.gpu)?, judge.scene)?;
         let stage = match self.params.refraction.method {
             ExitMethod::Trace => &trace::INFO,
             ExitMethod::TwoInterface => &two_interface::INFO,
@@ -281,25 +281,6 @@ fn thickness(resources: &Resources<'_>, scene: &Scene) -> Buffer {
 /// A ray cast from a vertex starts this far from it, metres in scene tank.
 const OFF_M: f64 = 1e-4;
 
-/// Of the rays through these pixels behind so many surfaces of glass; none where one has no way out.
-fn exact_directions(
-    scene: &Scene,
-    [width, height]: [u32; 2],
-    pixels: &[u32],
-    count: u32,
-) -> Vec<Option<DVec3>> {
-    let objects = objects_of(scene, Objects::Glass);
-    let tracer = Tracer::new(&objects);
-    let surfaces =
-        Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
-    let rays = PixelRays::new(&scene.camera, width, height);
-    let direction = |pixel: &u32| {
-        let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
-        Some(surfaces.ray_behind(surfaces.sight(origin, direction), count)?.direction)
-    };
-    pixels.par_iter().map(direction).collect()
-}
-
 /// A pixel's ray behind glass.
 struct Exit {
     direction: DVec3,
@@ -319,21 +300,23 @@ impl ScreenRefraction {
     }
 
     /// Angles between rays and exact ones, of an even selection of the pixels that show glass.
-    fn angles_deg(&self, found: &[Option<Exit>], judge: &mut Judge<'_>) -> Vec<f64> {
-        let scene = judge.scene;
-        let size_px = self.view.size_px.to_array();
+    fn angles_deg(&self, found: &[Option<Exit>], scene: &Scene) -> Result<Vec<f64>, JudgeError> {
+        let objects = objects_of(scene, Objects::Glass);
+        let tracer = Tracer::new(&objects);
+        let surfaces =
+            Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
+        let [width, height] = self.view.size_px.to_array();
+        let rays = PixelRays::new(&scene.camera, width, height);
         let count = self.params.refraction.count;
         let shown = found.iter().flatten().count();
         let step = even_step(shown, MAX_PIXELS);
         let seen = (0..).zip(found).filter_map(|(pixel, exit)| Some((pixel, exit.as_ref()?)));
         let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
-        let pixels: Vec<u32> = seen.iter().map(|(pixel, _)| *pixel).collect();
-        let content = judge.question("exits", &(&scene.camera, size_px, count, &pixels));
-        let exact =
-            judge.references.answer(content, |_| exact_directions(scene, size_px, &pixels, count));
-        let angle = |((_, exit), exact): (&(u32, &Exit), &Option<DVec3>)| {
-            Some(exit.direction.angle_between((*exact)?).to_degrees())
+        let angle = |(pixel, exit): &(u32, &Exit)| {
+            let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
+            let exact = surfaces.ray_behind(surfaces.sight(origin, direction), count)?;
+            Some(exit.direction.angle_between(exact.direction).to_degrees())
         };
-        seen.iter().zip(exact.iter()).filter_map(angle).collect()
+        Ok(seen.par_iter().filter_map(angle).collect())
     }
 }

@@ -109,7 +109,7 @@ impl PipelineInstance for ShadowRays {
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let found = self.photons.read(judge.gpu)?;
-        let errors = shadow_errors(&self.compared(&found, judge));
+        let errors = shadow_errors(&self.compared(&found, judge.scene)?);
         Ok(Errors::new(self.params.rays.method.info().name, errors, []))
     }
 }
@@ -132,27 +132,22 @@ impl ShadowRays {
     }
 
     /// Of an even selection of pixels that face the light, whether each was found in shadow, and whether it is by ray casting.
-    fn compared(&self, found: &[Photon], judge: &mut Judge<'_>) -> Vec<(bool, bool)> {
-        let scene = judge.scene;
+    fn compared(&self, found: &[Photon], scene: &Scene) -> Result<Vec<(bool, bool)>, JudgeError> {
+        let tracer = Tracer::new(&objects_of(scene, Objects::Opaque));
         let view = &judged_view(&self.view, scene);
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
         let off_m = OFF_M * scene.solid_bounds().tank_scale();
         let sun = view.light_frame().forward;
-        let asked = (&view.camera, &view.light, sun, view.size_px, found.len());
-        let content = judge.question("shadows", &asked);
-        let exact = judge.references.answer(content, |_| {
-            let tracer = Tracer::new(&objects_of(scene, Objects::Opaque));
-            exact_answers(found.len(), MAX_PIXELS, |pixel| {
-                let [x, y] = [pixel as u32 % width, pixel as u32 / width];
-                let place = rays.cast(&tracer, x, y)?.0.position;
-                let to_light = direction_to_light(view, sun, place);
-                Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
-            })
+        let exact = exact_answers(found.len(), MAX_PIXELS, |pixel| {
+            let [x, y] = [pixel as u32 % width, pixel as u32 / width];
+            let place = rays.cast(&tracer, x, y)?.0.position;
+            let to_light = direction_to_light(view, sun, place);
+            Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
         });
         let faces = |pixel: usize| found[pixel].fate() != Fate::MissedWater;
-        let compared = exact.iter().filter(|(pixel, _)| faces(*pixel));
-        compared.map(|(pixel, exact)| (self.shadowed(&found[*pixel]), *exact)).collect()
+        let compared = exact.into_iter().filter(|(pixel, _)| faces(*pixel));
+        Ok(compared.map(|(pixel, exact)| (self.shadowed(&found[pixel]), exact)).collect())
     }
 }
 

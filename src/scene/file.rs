@@ -159,8 +159,9 @@ impl SceneFile {
     /// [`Bounds::tank_scale`] of the objects and the volume, 1 where they cannot be made: lengths that nobody set are multiplied by it.
     pub fn tank_scale(&self) -> f64 {
         static KNOWN: Mutex<BTreeMap<String, f64>> = Mutex::new(BTreeMap::new());
+        let what = (&self.folder, self.floor_depth_m, &self.objects, &self.volume);
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-        *known.entry(format!("{:?}", self.geometry())).or_insert_with(|| {
+        *known.entry(format!("{what:?}")).or_insert_with(|| {
             let mut coarse = self.clone();
             // A generated volume fills the same box with any number of cells.
             for volume in coarse.volume.iter_mut().filter(|volume| volume.generator.is_some()) {
@@ -168,11 +169,6 @@ impl SceneFile {
             }
             Scene::build(&coarse).map_or(1.0, |scene| scene.solid_bounds().tank_scale())
         })
-    }
-
-    /// What the objects and the volume are made from.
-    pub fn geometry(&self) -> (&Path, f64, &[ObjectFile], Option<&VolumeFile>) {
-        (&self.folder, self.floor_depth_m, &self.objects, self.volume.as_ref())
     }
 
     /// Whether all values can be used; the error names the parameter and its valid range.

@@ -203,16 +203,7 @@ impl Scene {
         }
         let volume = file.volume.as_ref().map(|v| v.build(file, &mut stand_ins)).transpose();
         let volume = volume.map_err(|m| invalid(format!("[volume]: {m}")))?;
-        Ok(Scene::from_parts(file, objects, volume, stand_ins))
-    }
-
-    fn from_parts(
-        file: &SceneFile,
-        objects: Vec<Object>,
-        volume: Option<Volume>,
-        stand_ins: Vec<String>,
-    ) -> Scene {
-        Scene {
+        Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),
             bounds: with_water(solid_bounds(&objects, volume.as_ref()), &file.water),
@@ -223,15 +214,7 @@ impl Scene {
             floor_depth_m: file.floor_depth_m,
             volume,
             stand_ins,
-        }
-    }
-
-    /// The scene of a file of the same [`SceneFile::geometry`], which is not made again.
-    pub fn with_settings(&self, file: &SceneFile) -> Result<Scene, SceneError> {
-        let invalid = |message| SceneError::Invalid { scene: file.name.clone(), message };
-        file.validate().map_err(invalid)?;
-        let Scene { objects, volume, stand_ins, .. } = self.clone();
-        Ok(Scene::from_parts(file, objects, volume, stand_ins))
+        })
     }
 
     /// The same with these objects in place of its own.

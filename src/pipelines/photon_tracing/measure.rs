@@ -14,11 +14,10 @@ use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{Hit, Tracer};
 use fathom_reference::specular::{PathEnd, Surfaces};
-use fathom_scene::{LightFrame, Optics, Scene};
+use fathom_scene::{Optics, Scene};
 use fathom_stages::geometry::Objects;
 use fathom_stages::photon::{Fate, Photon};
 use fathom_stages::sprites;
-use fathom_stages::uniforms::View;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MAX_PHOTONS: usize = 10_000;
@@ -150,7 +149,7 @@ impl PipelineInstance for PhotonTracing {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.landing_errors(judge)
+        self.landing_errors(judge.gpu, judge.scene)
     }
 
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
@@ -164,8 +163,8 @@ impl PipelineInstance for PhotonTracing {
 impl PhotonTracing {
     /// Errors of the last frame's photons. `src/experiments/words.rs` says what each rate counts; `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names. Of large grids an even selection is compared.
-    fn landing_errors(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let mut ends = self.ends(&self.photons.read(judge.gpu)?, judge);
+    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, JudgeError> {
+        let mut ends = self.ends(&self.photons.read(gpu)?, scene)?;
         let median_m = quantile(&mut ends.errors_m, 0.5);
         let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
         let errors = of_all.map(|rate| (rate, ends.rate(rate), "1"));
@@ -186,60 +185,30 @@ impl PhotonTracing {
         Ok(judged)
     }
 
-    fn ends(&self, found: &[Photon], judge: &mut Judge<'_>) -> Tally {
-        let scene = judge.scene;
-        let view = judged_view(&self.view, scene);
-        let times = scene.solid_bounds().tank_scale();
-        let frustum = Frustum::new(&view, times);
-        let found: Vec<_> = found.chunks(self.photons.per_ray as usize).collect();
-        let bounces = self.params.path_segments() - 1;
-        let View { water, camera, .. } = &view;
-        let frame = view.light_frame();
-        let asked = (&frame, water, camera, view.aspect(), &self.params.transfer, bounces);
-        let content = judge.question("photon ends", &(asked, found.len()));
-        let exact = judge.references.answer(content, |_| {
-            self.exact_ends(scene, (&view, &frame), &frustum, (found.len(), bounces))
-        });
-        let mut ends = Tally::default();
-        for (index, exact) in exact.iter() {
-            let (hits, wrong_m) = (found[*index], WRONG_M * times);
-            ends.add(hits, exact, wrong_m);
-            ends.add_along(hits, &exact.along, wrong_m);
-            if exact.kept_out {
-                let leaks = |hit| frustum.is_leak(hit, exact.position);
-                ends.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);
-            }
-        }
-        ends
-    }
-
-    /// Of an even selection of so many photons, each with its number.
-    fn exact_ends(
-        &self,
-        scene: &Scene,
-        (view, frame): (&View, &LightFrame),
-        frustum: &Frustum,
-        (count, bounces): (usize, u32),
-    ) -> Vec<(usize, ExactEnd)> {
+    fn ends(&self, found: &[Photon], scene: &Scene) -> Result<Tally, JudgeError> {
         let objects = objects_of(scene, Objects::Solid);
         let tracer = &Tracer::new(&objects);
-        let water = &view.water;
+        let view = judged_view(&self.view, scene);
+        let (frame, water) = (view.light_frame(), &view.water);
+        let bounces = self.params.path_segments() - 1;
+        let times = scene.solid_bounds().tank_scale();
         let surfaces = Surfaces {
             tracer,
             objects: &objects,
             outside: water.refractive_index,
             top_m: under_water(scene).max.y,
         };
+        let frustum = Frustum::new(tracer, &view, times);
         let in_view = |hit: &&Hit| frustum.holds(hit.position);
         let transfer = &self.params.transfer;
-        exact_answers(count, MAX_PHOTONS, |index| {
+        let found: Vec<_> = found.chunks(self.photons.per_ray as usize).collect();
+        let exact = exact_answers(found.len(), MAX_PHOTONS, |index| {
             let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
-            let landing = land(frame, water, tracer, place);
+            let landing = land(&frame, water, tracer, place);
             let landed = landing.landed()?;
             let ray = surfaces.ray(landed.entry.position, landed.direction);
             let PathEnd::Diffuse(hit) = surfaces.trace(ray, bounces) else { return None };
-            let behind =
-                frustum.hits_behind(tracer, hit, landed.direction).take_while(|_| bounces == 0);
+            let behind = frustum.hits_behind(hit, landed.direction).take_while(|_| bounces == 0);
             let along: Vec<Hit> = std::iter::once(hit).chain(behind).collect();
             let places = along.iter().filter(in_view).map(|hit| hit.position);
             Some(ExactEnd {
@@ -251,7 +220,18 @@ impl PhotonTracing {
                     && objects[landed.hit.object].material.optics != Optics::Diffuse,
                 along: places.collect(),
             })
-        })
+        });
+        let mut ends = Tally::default();
+        for (index, exact) in exact {
+            let (hits, wrong_m) = (found[index], WRONG_M * times);
+            ends.add(hits, &exact, wrong_m);
+            ends.add_along(hits, &exact.along, wrong_m);
+            if exact.kept_out {
+                let leaks = |hit| frustum.is_leak(hit, exact.position);
+                ends.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);
+            }
+        }
+        Ok(ends)
     }
 }
 

@@ -2,27 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
-
 use super::{GridSettings, Underwater};
 use crate::off_frustum::Frustum;
 use crate::settings::Animation;
 use crate::{Errors, Judge, JudgeError, even_step, judged_view, share};
 use fathom_record::ErrorFigure;
-use fathom_reference::photons::{Landed, Landing, PhotonGrid as ExactGrid, land_all};
+use fathom_reference::photons::{Landing, PhotonGrid as ExactGrid, land_all};
 use fathom_reference::quantities::quantile;
 use fathom_stages::photon::{self, Fate, Photon, Photons};
 
 /// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
 const MAX_PHOTONS: usize = 10_000;
-
-/// Where a photon lands exactly.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct ExactLanding {
-    position: DVec3,
-    /// It would come into view if nothing stood there.
-    is_hidden: bool,
-}
 
 /// Photons held against exact ones.
 #[derive(Default)]
@@ -36,9 +26,11 @@ struct Found {
 }
 
 impl Found {
-    fn add(&mut self, photon: &Photon, exact: Option<&ExactLanding>) {
-        match (photon.has_landed(), exact) {
-            (true, Some(landed)) => self.errors_m.push(photon.hit().distance(landed.position)),
+    fn add(&mut self, photon: &Photon, exact: &Landing) {
+        match (photon.has_landed(), exact.landed()) {
+            (true, Some(landed)) => {
+                self.errors_m.push(photon.hit().distance(landed.hit.position));
+            }
             (false, Some(_)) => self.missed += 1,
             (true, None) => self.false_hits += 1,
             (false, None) => {}
@@ -53,9 +45,10 @@ impl Underwater {
     pub(super) fn landing_errors(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let scene = judge.scene;
         let view = judged_view(&self.view, scene);
-        let (frame, water) = (view.light_frame(), &view.water);
+        let frame = view.light_frame();
+        let tracer = judge.references.geometry.tracer(scene, &Animation::default());
         let (mut errors, mut quantities) = (Vec::new(), BTreeMap::new());
-        let frustum = Frustum::new(&view, scene.solid_bounds().tank_scale());
+        let frustum = Frustum::new(&tracer, &view, scene.solid_bounds().tank_scale());
         for (name, stage, settings, photons) in self.grids() {
             let GridSettings { grid: cells, offset, jitter, .. } = settings;
             let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
@@ -67,25 +60,16 @@ impl Underwater {
             );
             let unconverged_rate = unconverged.count() as f64 / photons.len() as f64;
             let judged: Vec<Photon> = photons.into_iter().step_by(step).collect();
-            let asked = (&frame, water, &view.camera, view.aspect(), grid, step);
-            let content = judge.question("landings", &asked);
-            let exact = judge.references.answer(content, |references| {
-                let tracer = &references.geometry.tracer(scene, &Animation::default());
-                let exact = |landing: &Landing| {
-                    let Landed { hit, direction, .. } = landing.landed()?;
-                    let is_hidden = frustum.is_hidden_entry(tracer, hit, *direction);
-                    Some(ExactLanding { position: hit.position, is_hidden })
-                };
-                let landings = land_all(&frame, water, tracer, grid, step);
-                landings.iter().map(exact).collect::<Vec<_>>()
-            });
-            let pairs = || judged.iter().zip(exact.iter().map(Option::as_ref));
+            let content = judge.question("landings", &(&frame, &view.water, grid, step));
+            let land = |_: &mut _| land_all(&frame, &view.water, &tracer, grid, step);
+            let landings = judge.references.answer(content, land);
             let mut found = Found::default();
-            pairs().for_each(|(photon, exact)| found.add(photon, exact));
-            let landed = pairs().filter_map(|(photon, exact)| Some((photon, exact?)));
-            let kept_out = landed.filter(|(_, exact)| exact.is_hidden);
+            judged.iter().zip(&*landings).for_each(|(photon, exact)| found.add(photon, exact));
+            let exact = landings.iter().map(|exact| exact.landed());
+            let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
+            let kept_out = pairs.filter(|(_, at)| frustum.is_hidden_entry(&at.hit, at.direction));
             let leaks: Vec<bool> =
-                kept_out.map(|(photon, exact)| frustum.is_leak(photon, exact.position)).collect();
+                kept_out.map(|(p, at)| frustum.is_leak(p, at.hit.position)).collect();
             let leaked = leaks.iter().filter(|leaks| **leaks).count();
             quantities.insert(format!("{name}_photon_leak_rate"), share(leaked, leaks.len()));
             let figures = [
