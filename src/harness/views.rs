@@ -140,24 +140,19 @@ impl RenderedViews {
         views: &[TurnedView],
     ) -> Result<Self> {
         // One at a time, as the pictures of a view are large.
-        let mut draw = |subject: &Subject, with_picture: bool| -> Result<Box<AnyPipeline>> {
+        let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>> {
             let pipeline = subject.build(gpu)?;
-            let visibility = pipeline.occlusion().filter(|_| !with_picture);
-            let stages = match visibility {
-                Some(buffers) => pipeline.stages_up_to(&[buffers.last_stage()]),
-                None => pipeline.stages(),
-            };
-            timer.run_stages(gpu, &stages)?;
+            timer.run_stages(gpu, &pipeline.stages())?;
             Ok(pipeline)
         };
         let (mut pictures, mut seen) = (Vec::new(), ViewPoints::default());
         for (index, TurnedView { turn_deg, subjects: [first, second] }) in views.iter().enumerate()
         {
             // The cell's own view is drawn already.
-            let drawn = if index > 0 { Some(draw(first, true)?) } else { None };
+            let drawn = if index > 0 { Some(draw(first)?) } else { None };
             let first = drawn.as_deref().unwrap_or(cell);
             pictures.push((*turn_deg, picture::read_image(gpu, first)));
-            let shots = [Shot::new(gpu, first)?, Shot::new(gpu, draw(second, false)?.as_ref())?];
+            let shots = [Shot::new(gpu, first)?, Shot::new(gpu, draw(second)?.as_ref())?];
             if index > 0 { seen.add_view(&shots) } else { seen = ViewPoints::from_own_view(&shots) }
         }
         pictures.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -100,11 +100,6 @@ impl OcclusionBuffers {
         self.filtered.as_ref().map_or(&self.raw.1, |(_, texture)| texture)
     }
 
-    /// The stage that leaves [`Self::visibility`].
-    pub fn last_stage(&self) -> &'static str {
-        self.filtered.as_ref().map_or(self.raw.0, |(stage, _)| stage)
-    }
-
     /// Errors `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter
     /// where there is one, the means `ao_mean` and `ao_reference_mean`, and the share of points that are falsely occluded. All in units of A, 0 open to 1 closed, over points
     /// of opaque surfaces, against rays that are cast by the same model.
