@@ -13,11 +13,11 @@ use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, PaperFigure};
 use crate::harness::plan::{GIVEN, Request};
+use crate::harness::render::RenderedFrame;
 use crate::harness::run::{self, RunOptions, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
-    ceilings, dump as dumping, picture, query as querying, render as rendering, sheet,
-    verify as verifying,
+    ceilings, dump as dumping, picture, query as querying, sheet, verify as verifying,
 };
 use crate::record::command::{CELL_OPTIONS, split_options};
 use crate::record::output::{OutputFolder, RECORDS};
@@ -312,8 +312,8 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> ExitResult
         let stem = Path::new(scene).file_stem().unwrap_or_default();
         PathBuf::from(stem).with_extension("png")
     });
-    let (rendered, _) = rendering::image(&gpu, &subject, args.samples.unwrap_or(1))?;
-    picture::write_to(&rendered, &path)?;
+    let frame = RenderedFrame::new(&gpu, &subject, args.samples.unwrap_or(1))?;
+    picture::write_to(&frame.image(&gpu)?, &path)?;
     list_files([path])
 }
 

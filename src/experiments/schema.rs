@@ -449,7 +449,8 @@ impl Experiment {
         claims.chain(plots).collect()
     }
 
-    /// Whether the values of an axis have no order: some of them sets a name, such as a scene or a method.
+    /// Whether the values of an axis have no order: one of them sets a name, such as a scene or a method, or its label begins with a
+    /// letter, as that of `as printed` does.
     pub fn is_category(&self, axis: &str) -> bool {
         self.axes().any(|one| one.name == axis && one.is_category())
     }
@@ -463,7 +464,7 @@ impl Experiment {
 impl Axis {
     fn is_category(&self) -> bool {
         let lists = [&self.values, &self.quick, &self.paper].into_iter().flatten();
-        lists.flatten().any(|value| self.sets_a_name(value))
+        lists.flatten().any(|value| self.is_named(value))
     }
 
     fn check(&self) -> Result<(), String> {

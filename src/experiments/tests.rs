@@ -383,6 +383,7 @@ fn axes_that_set_names_are_categories_and_those_that_set_numbers_are_not() {
         ("vao-skipping", "ao.skipping", true),
         ("spt-photons", "photons", false),
         ("uw-buffers", "caustics.buffer", false),
+        ("uw-points", "points", true),
     ] {
         let experiment = Experiment::load(id).unwrap();
         assert_eq!(experiment.is_category(axis), expected, "{id} {axis}");

@@ -27,11 +27,6 @@ const PHOTONS_PER_BLOCK: f64 = 40.0;
 /// Error in units of the mean irradiance that a picture shows in full colour.
 const PICTURE_FULL: f64 = 1.0;
 
-/// Least width of a picture of irradiance: each value is a square of pixels.
-const PICTURE_WIDTH: u32 = 600;
-/// Irradiance that is shown at 63 %, over the mean: a third to a half of a picture of water is dark.
-const PICTURE_BRIGHT: f64 = 3.0;
-
 #[derive(Default)]
 pub struct PhotonMapCache(HashMap<String, Rc<PhotonMap>>);
 
@@ -122,20 +117,6 @@ impl CausticsPair {
                 of_half.map(|(value, _)| value).sum()
             };
             sum(&self.measured) / sum(&self.exact)
-        })
-    }
-
-    /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
-    /// view are toned alike. Not made for a display's gamma: lines of light keep their contrast.
-    pub fn picture(&self, exact: bool) -> RgbImage {
-        let shown = if exact { &self.exact } else { &self.measured };
-        let bright = PICTURE_BRIGHT * self.exact.mean();
-        let side = PICTURE_WIDTH.div_ceil(shown.width());
-        let [width, height] = shown.size().map(|pixels| pixels * side);
-        RgbImage::from_fn(width, height, |x, y| {
-            let irradiance = shown.clamped((x / side).into(), (y / side).into());
-            let value = 1.0 - (-irradiance / bright).exp();
-            Rgb([(255.0 * value).round() as u8; 3])
         })
     }
 

@@ -172,6 +172,20 @@ pub trait PipelineInstance {
     fn caustics(&self, _judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
         Ok(None)
     }
+
+    /// The last frame beside exact answers, pixel by pixel; none where there are none.
+    ///
+    /// # Errors
+    /// As [`Self::judge`].
+    fn compare_pixels(&self, _: &Judge<'_>) -> Result<Option<PixelComparison>, JudgeError> {
+        Ok(None)
+    }
+}
+
+/// Pictures of the exact answers, and of where a frame differs from them.
+pub struct PixelComparison {
+    pub exact: RgbImage,
+    pub error: RgbImage,
 }
 
 /// A picture of errors, and what its colours mean.
@@ -272,8 +286,6 @@ pub enum JudgeError {
     Gpu(#[from] GpuError),
     #[error("no surface is seen")]
     Nothing,
-    #[error("pipeline {0} has no caustics")]
-    NoCaustics(&'static str),
     #[error("the photon map knows no mirrors and no glass: object `{0}`")]
     Specular(String),
     #[error("pipeline {0} has no picture of its error")]
@@ -328,14 +340,6 @@ impl<P: PipelineInstance + ?Sized> BuiltPipeline<P> {
             judged.quantities.extend(of_image.quantities);
         }
         Ok(judged)
-    }
-
-    /// See [`PipelineInstance::caustics`].
-    ///
-    /// # Errors
-    /// As there, and pipelines without caustics.
-    pub fn caustics(&self, judge: &mut Judge<'_>) -> Result<CausticsPair, JudgeError> {
-        self.pipeline.caustics(judge)?.ok_or(JudgeError::NoCaustics(self.name))
     }
 
     /// A picture of the error of ambient occlusion or of caustics, point by point, and what its colours mean.

@@ -360,19 +360,33 @@ mod tests {
         svg.matches("opacity=\"0.8\"").count()
     }
 
-    #[test]
-    fn categories_are_never_joined() {
+    /// [`CATEGORIES`] with these words.
+    fn drawn(kind: &str, over: &str, values: &str) -> String {
         // A logarithm shows no zero.
         let above_zero = |records: &mut Vec<Record>| {
             let Record::Cell(cell) = &mut records[2] else { panic!() };
             let quantities = &mut cell.measured_mut().unwrap().quantities;
             quantities.insert("caustics_photon_error_p99_m".to_owned(), 0.5);
         };
-        let drawn = |kind: &str, over: &str, values: &str| {
-            let text = CATEGORIES.replace("KIND", kind).replace("OVER", over);
-            let records = records_of(&text.replace("VALUES", values), above_zero);
-            svgs(&records).remove("own.svg").unwrap()
-        };
+        let text = CATEGORIES.replace("KIND", kind).replace("OVER", over);
+        let records = records_of(&text.replace("VALUES", values), above_zero);
+        svgs(&records).remove("own.svg").unwrap()
+    }
+
+    #[test]
+    fn groups_of_one_measure_share_their_axes() {
+        let groups = "\n[[sweep.axis]]\nname = \"godrays.grid\"\nvalues = ";
+        let all = [1, 2, 3, 4, 5, 6, 7];
+        for (several, charts) in [(6, 1), (7, 7)] {
+            let values = format!("[10, 20, 40]{groups}{:?}", &all[..several]);
+            let svg = drawn("lines", "caustics.grid", &values);
+            assert_eq!(svg.matches("linear scale").count(), charts);
+            assert_eq!(svg.matches("\n15\n").count(), charts);
+        }
+    }
+
+    #[test]
+    fn categories_are_never_joined() {
         for kind in ["lines", "scaling"] {
             assert_eq!(joins(&drawn(kind, "caustics.grid", "[10, 20, 40]")), 2, "{kind}");
             let scenes = drawn(kind, "scene", r#"["tank", "port", "storage"]"#);
