@@ -1,9 +1,11 @@
 //! How noisy a run or a comparison was, in words.
 
+use itertools::Itertools;
+
 use super::document::Tone;
 use super::format::{percent, three, trim_zeros};
 use fathom_judge::noise::TimeNoise;
-use fathom_judge::run::{Advice, Drift, MeanLoad, Noise, RunVerdict};
+use fathom_judge::run::{Advice, BoundedFigure, Criterion, Drift, MeanLoad, Noise, RunVerdict};
 use fathom_judge::verdict::Verdicts;
 
 pub fn tone(verdict: &RunVerdict) -> Tone {
@@ -14,12 +16,31 @@ pub fn tone(verdict: &RunVerdict) -> Tone {
     }
 }
 
-/// `noisy run: 7 % of 223 cells reached ±2 %`
+/// `noisy run: frame times scatter by 8.42 % (bound 5 %); 7 % of 223 timed cells reached ±2 %`
 pub fn headline(verdict: &RunVerdict) -> String {
     let RunVerdict { noise, cells, precise, target, .. } = verdict;
     let share = (100.0 * *precise as f64 / *cells as f64).round();
-    let asked = three(100.0 * target);
-    format!("{noise} run: {share} % of {cells} cells reached ±{} %", trim_zeros(&asked))
+    let [.., scatter, _] = verdict.figures();
+    let is_scatter_known = *noise == Noise::Quiet && scatter.value.is_finite();
+    let figures = verdict.exceeded().chain(is_scatter_known.then_some(scatter));
+    let reached = format!("{share} % of {cells} timed cells reached ±{}", short_percent(*target));
+    let words = figures.map(|figure| bounded(&figure)).chain([reached]).join("; ");
+    format!("{noise} run: {words}")
+}
+
+fn bounded(BoundedFigure { criterion, value, bound }: &BoundedFigure) -> String {
+    let [value, bound] = [value.abs(), *bound].map(short_percent);
+    let [before, after] = match criterion {
+        Criterion::OtherProcesses => ["other processes took", " of the cores"],
+        Criterion::Steal => ["steal time took", " of a core"],
+        Criterion::Scatter => ["frame times scatter by", ""],
+        Criterion::Drift => ["frame times drifted by", ""],
+    };
+    format!("{before} {value}{after} (bound {bound})")
+}
+
+fn short_percent(share: f64) -> String {
+    format!("{} %", trim_zeros(&three(100.0 * share)))
 }
 
 /// What it was measured by: `half width of the median cell 3.6 %, scatter of one frame's time 8.4 %, …`
@@ -49,11 +70,14 @@ pub fn drift(drift: &Drift) -> String {
     format!("{} % a minute{interval}", in_percent(drift.per_minute.median))
 }
 
-/// For the terminal and the summary: the headline, the figures, what would make the next run better.
+/// For the terminal: the headline, the figures, what would make the next run better.
 pub fn lines(verdict: &RunVerdict) -> Vec<String> {
-    let advice = verdict.advice().iter().map(advice).collect::<Vec<_>>().join("; ");
-    let advice = (!advice.is_empty()).then(|| format!("to do: {advice}"));
-    [headline(verdict), figures(verdict)].into_iter().chain(advice).collect()
+    [headline(verdict), figures(verdict)].into_iter().chain(to_do(verdict)).collect()
+}
+
+pub fn to_do(verdict: &RunVerdict) -> Option<String> {
+    let advice = verdict.advice().iter().map(advice).join("; ");
+    (!advice.is_empty()).then(|| format!("to do: {advice}"))
 }
 
 fn advice(advice: &Advice) -> String {
@@ -84,4 +108,37 @@ pub fn describe_noise(verdicts: &Verdicts<'_>) -> Option<String> {
             in_percent(visible)
         ),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_headline_has_the_figures_beyond_their_bounds() {
+        let busy = |others, steal| Some(MeanLoad { others, steal, cores: 2 });
+        for (noise, scatter, load, expected) in [
+            (Noise::Quiet, 0.025, None, "quiet run: frame times scatter by 2.5 % (bound 5 %); "),
+            (Noise::Noisy, 0.084, None, "noisy run: frame times scatter by 8.4 % (bound 5 %); "),
+            (
+                Noise::Noisy,
+                0.025,
+                busy(0.3, 0.02),
+                "noisy run: other processes took 15 % of the cores (bound 10 %); steal time took 2 % of a core (bound 1 %); ",
+            ),
+        ] {
+            let verdict = RunVerdict {
+                noise,
+                scatter,
+                load,
+                target: 0.02,
+                cells: 9,
+                precise: 3,
+                half_width: 0.03,
+                drift: None,
+            };
+            let end = "33 % of 9 timed cells reached ±2 %";
+            assert_eq!(headline(&verdict), format!("{expected}{end}"));
+        }
+    }
 }

@@ -130,7 +130,10 @@ mod tests {
         let tallies: Vec<String> =
             crate::facts::tallies(&view).map(|(whose, _)| whose.to_string()).collect();
         assert_eq!(lines.len(), 4 + tallies.len(), "{lines:?}");
-        assert!(lines[0].starts_with("quiet run: ") && lines[0].ends_with(" cells reached ±2 %"));
+        assert!(
+            lines[0].starts_with("quiet run: frame times scatter by ")
+                && lines[0].contains(" (bound 5 %); ")
+        );
         assert!(lines[1].contains("load and steal time not recorded"));
         assert!(lines[2].starts_with("to do: add samples"));
         for (line, whose) in lines[3..].iter().zip(&tallies) {

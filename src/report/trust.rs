@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use itertools::Itertools;
 
 use super::facts::share;
-use super::{Report, Section};
+use super::{Report, Section, noise};
 use fathom_base::statistics;
 use fathom_experiments::{CHANCE, Verdict, min_samples};
 use fathom_judge::clocks::{ClockTrust, clocks};
@@ -71,6 +71,7 @@ pub fn conditions(run: &Run) -> String {
 /// run is left out.
 pub fn facts(view: &Report<'_>) -> impl Iterator<Item = (&'static str, String)> {
     let all = [
+        ("noise", view.verdict.as_ref().map(noise::figures)),
         ("cells with few samples", few_samples(view)),
         ("cost of timing", timing_cost(view)),
         ("throttled by heat or power", throttled(view)),

@@ -53,6 +53,11 @@ impl LineCharts {
         (!charts.is_empty()).then_some(LineCharts { charts })
     }
 
+    /// The only chart.
+    pub fn into_single(self) -> Option<PointChart> {
+        self.charts.into_iter().exactly_one().ok()
+    }
+
     /// Charts side by side: as many as the names of their series have room for.
     fn columns(&self) -> usize {
         let most = match self.charts.len() {

@@ -39,6 +39,8 @@ pub const EXPORTER: RunExporter = Exporter {
 };
 
 const WIDTH_PX: u32 = 980;
+/// A plot at a glance.
+const SMALL_PX: (u32, u32) = (540, 220);
 /// Title of the picture, and of each panel.
 const TITLE_PX: u32 = 36;
 const HEADING_PX: u32 = 32;
@@ -126,11 +128,13 @@ impl Figure {
     }
 }
 
-/// One plot of an experiment alone.
-pub fn one_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
+/// A scaling plot of an experiment alone, without words around it; none where its series need more room.
+pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
     let input = PlotInput::new(section)?.select(plot);
-    let panel = TitledPanel::new(plot, &input, section).ok()?;
-    Some(picture(section, &names::common(&input), &[panel]))
+    let chart = LineCharts::new(plot, &input)?.into_single()?;
+    let about = format!("{}: {}", section.id, plot.title);
+    let svg = || drawing(SMALL_PX, &about, |area| chart.draw_with_names(area));
+    (chart.ends_px() <= SMALL_PX.1).then(svg)
 }
 
 pub fn file_name(section: &Section<'_>) -> String {

@@ -107,6 +107,12 @@ impl PointChart {
         Ok(())
     }
 
+    /// Height that the names at the ends of its series and the axis below need.
+    pub fn ends_px(&self) -> u32 {
+        let lines = self.series.iter().map(|series| series.lines().len() as i32 * ROW_PX + 4);
+        (lines.sum::<i32>() + 60) as u32
+    }
+
     /// One of several charts, with its title and the names of its series above.
     pub fn draw_small(&self, area: &Area<'_>, head_px: u32) -> DrawResult {
         area.draw_text(&self.title, &style::label(), (16, 2))?;

@@ -26,7 +26,7 @@ pub const SECTION: PageSection = PageSection {
 /// Lines of a card that has one for each stage, axis or pipeline.
 const MAX_LINES: usize = 5;
 const MAX_PIPELINES: usize = 10;
-const MOST_PLOTS: usize = 2;
+const MAX_PLOTS: usize = 2;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     if page.runs.is_empty() && page.left_out.is_empty() {
@@ -41,16 +41,15 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
-    let [trust, others @ ..] = cards(run.view);
+    let cards = cards(run.view);
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
         (document::html(&caveats(run.view)))
-        (card(&trust, &html! {}))
-        div.glance {
-            @if !page.is_overlay() { div.drawings { (drawings(page, run.view)) } }
-            div.cards {
-                @for other in others.iter().filter(|card| !card.parts.is_empty()) {
-                    (card(other, &if other.section == "claims" { claim_marks(run.view) } else { html! {} }))
+        div.cards {
+            @for card in cards.iter().filter(|card| !card.parts.is_empty()) {
+                article.card {
+                    h3 { a href={ "#" (card.section) } { (card.question) } }
+                    (drawing(page, run.view, card).unwrap_or_else(|| document::html(&card.parts)))
                 }
             }
         }
@@ -60,9 +59,14 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     }
 }
 
-fn card(Card { section, question, parts }: &Card, below: &Markup) -> Markup {
-    html! {
-        article.card { h3 { a href={ "#" (section) } { (question) } } (document::html(parts)) (below) }
+/// What a card of a single run shows in place of its words.
+fn drawing(page: &Page<'_>, view: &Report<'_>, card: &Card) -> Option<Markup> {
+    match card.section {
+        "claims" => Some(html! { (document::html(&card.parts)) (claim_marks(view)) }),
+        _ if page.is_overlay() => None,
+        "time" => Some(html! { div.scroll { (PreEscaped(super::time::bars(page)?)) } }),
+        "scaling" => scaling_plots(view),
+        _ => None,
     }
 }
 
@@ -82,13 +86,21 @@ fn claim_marks(view: &Report<'_>) -> Markup {
     }
 }
 
-/// The stages of each pipeline, and the plots of the exponents over the widest ranges, those of one group of cells first.
-fn drawings(page: &Page<'_>, view: &Report<'_>) -> Markup {
+/// The plots of the exponents over the widest ranges, those of one group of cells first.
+fn scaling_plots(view: &Report<'_>) -> Option<Markup> {
     let alone = facts::growth(view).sorted_by_key(|exponent| !exponent.group.is_empty());
     let grown = alone.unique_by(|exponent| exponent.section.id);
-    let plots = grown.filter_map(|one| charts::one_plot(one.section, one.plot));
-    let drawn = super::time::bars(page).into_iter().chain(plots.take(MOST_PLOTS));
-    html! { @for svg in drawn { div.scroll { (PreEscaped(svg)) } } }
+    let plots =
+        grown.filter_map(|one| Some((one.section, charts::small_plot(one.section, one.plot)?)));
+    let plots = plots.take(MAX_PLOTS).collect_vec();
+    let all = html! {
+        div.plots {
+            @for (section, svg) in &plots {
+                div.scroll { a.source href={ "#plot-" (section.id) } { (section.id) } (PreEscaped(svg)) }
+            }
+        }
+    };
+    (!plots.is_empty()).then_some(all)
 }
 
 fn open(word: &str, words: &str) -> Block {
@@ -161,24 +173,24 @@ fn list(above: &str, none: &str, lines: Vec<String>) -> Vec<Block> {
 fn how_far(view: &Report<'_>) -> Vec<Block> {
     let verdict = view.verdict.as_ref();
     let tone = verdict.map_or(Tone::Neutral, noise::tone);
-    let lines = verdict.into_iter().flat_map(noise::lines).enumerate().map(|(index, line)| {
-        if index == 0 { Span::Chip(tone, line).into() } else { Line::from(line) }
-    });
+    let headline = verdict.map(|verdict| Span::Chip(tone, noise::headline(verdict)).into());
+    let to_do = verdict.and_then(noise::to_do).map(Line::from);
     let clocks = trust::worst(view).map(|run| trust::verdict(run).into());
-    lines.chain(clocks).map(Block::Paragraph).collect()
+    headline.into_iter().chain(to_do).chain(clocks).map(Block::Paragraph).collect()
 }
 
 fn verdicts(view: &Report<'_>) -> Vec<Block> {
     let tallies = tallies(view).map(|(whose, tally)| {
         Block::Paragraph(Line::from(Span::Bold(whose.to_string())).and(format!(": {tally}")))
     });
-    tallies.chain(facts::claims_finding(view).map(Block::paragraph)).collect()
+    tallies.collect()
 }
 
 /// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96; 30 (our bound)`
 fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
     facts::tallies(view).map(|(whose, counts)| {
-        let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
+        let some = counts.iter().filter(|(_, count)| *count > 0);
+        let each = some.map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
         let all: usize = counts.iter().map(|(_, count)| count).sum();
         let rulings = view.sections.iter().flat_map(Section::rulings);
         let marks = rulings.filter(|ruling| ruling.origin == whose).map(Ruling::mark).counts();
