@@ -262,7 +262,7 @@ fn wrong_names_and_values_are_told_with_the_nearest_right_one() {
     );
     assert_eq!(
         message(cells("caustics.grid=many")),
-        "axis `caustics.grid` of `own`: `many` is not a number, as 10 is"
+        "axis `caustics.grid` of `own`: `many` is not a number, as `10` is"
     );
     let label = message(cells("size=smal"));
     assert!(label.contains("did you mean `small`?"), "{label}");
