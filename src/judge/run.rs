@@ -52,17 +52,6 @@ pub struct BoundedFigure {
     pub bound: f64,
 }
 
-/// What would make the next run better.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Advice {
-    CloseOthers,
-    UnsharedHost,
-    QuieterMachine,
-    /// By this share over the run.
-    Drifted(f64),
-    MoreSamples,
-}
-
 /// What a run's records say of the machine while it measured.
 #[derive(Clone, Debug)]
 pub struct RunVerdict {
@@ -157,18 +146,6 @@ impl RunVerdict {
     /// Half of the cells or more have the precision that was asked.
     pub fn is_precise(&self) -> bool {
         2 * self.precise >= self.cells
-    }
-
-    /// What would make the next run better; empty where nothing is to be done.
-    pub fn advice(&self) -> Vec<Advice> {
-        let exceeded =
-            self.exceeded().enumerate().filter_map(|(place, figure)| match figure.criterion {
-                Criterion::OtherProcesses => Some(Advice::CloseOthers),
-                Criterion::Steal => Some(Advice::UnsharedHost),
-                Criterion::Scatter => (place == 0).then_some(Advice::QuieterMachine),
-                Criterion::Drift => Some(Advice::Drifted(figure.value)),
-            });
-        exceeded.chain((!self.is_precise()).then_some(Advice::MoreSamples)).collect()
     }
 }
 

@@ -5,7 +5,7 @@ use itertools::Itertools;
 use super::document::Tone;
 use super::format::{percent, three, trim_zeros};
 use fathom_judge::noise::TimeNoise;
-use fathom_judge::run::{Advice, BoundedFigure, Criterion, Drift, MeanLoad, Noise, RunVerdict};
+use fathom_judge::run::{BoundedFigure, Criterion, Drift, MeanLoad, Noise, RunVerdict};
 use fathom_judge::verdict::Verdicts;
 
 pub fn tone(verdict: &RunVerdict) -> Tone {
@@ -30,13 +30,25 @@ pub fn headline(verdict: &RunVerdict) -> String {
 
 fn bounded(BoundedFigure { criterion, value, bound }: &BoundedFigure) -> String {
     let [value, bound] = [value.abs(), *bound].map(short_percent);
-    let [before, after] = match criterion {
-        Criterion::OtherProcesses => ["other processes took", " of the cores"],
-        Criterion::Steal => ["steal time took", " of a core"],
-        Criterion::Scatter => ["frame times scatter by", ""],
-        Criterion::Drift => ["frame times drifted by", ""],
-    };
+    let [before, after, _] = words(*criterion);
     format!("{before} {value}{after} (bound {bound})")
+}
+
+/// Before and behind a figure, and what would make the next run better.
+fn words(criterion: Criterion) -> [&'static str; 3] {
+    match criterion {
+        Criterion::OtherProcesses => {
+            ["other processes took", " of the cores", "close other programs"]
+        }
+        Criterion::Steal => {
+            let to_do = "use a machine that does not share its host with others";
+            ["steal time took", " of a core", to_do]
+        }
+        Criterion::Scatter => ["frame times scatter by", "", "use a quieter machine"],
+        Criterion::Drift => {
+            ["frame times drifted by", "", "do not compare times of early and late cells"]
+        }
+    }
 }
 
 fn short_percent(share: f64) -> String {
@@ -76,21 +88,14 @@ pub fn lines(verdict: &RunVerdict) -> Vec<String> {
 }
 
 pub fn to_do(verdict: &RunVerdict) -> Option<String> {
-    let advice = verdict.advice().iter().map(advice).join("; ");
+    // Others that use the machine explain a scatter.
+    let of_cause = |(place, figure): (usize, BoundedFigure)| {
+        (place == 0 || figure.criterion != Criterion::Scatter).then(|| words(figure.criterion)[2])
+    };
+    let causes = verdict.exceeded().enumerate().filter_map(of_cause);
+    let samples = "add samples: resume the run with --budget 10m";
+    let advice = causes.chain((!verdict.is_precise()).then_some(samples)).join("; ");
     (!advice.is_empty()).then(|| format!("to do: {advice}"))
-}
-
-fn advice(advice: &Advice) -> String {
-    match advice {
-        Advice::CloseOthers => "close other programs".to_owned(),
-        Advice::UnsharedHost => "use a machine that does not share its host with others".to_owned(),
-        Advice::QuieterMachine => "use a quieter machine".to_owned(),
-        Advice::Drifted(change) => {
-            let change = three(100.0 * change.abs());
-            format!("do not compare times of early and late cells, which drifted by {change} %")
-        }
-        Advice::MoreSamples => "add samples: resume the run with --budget 10m".to_owned(),
-    }
 }
 
 /// In one sentence, before any verdict; none where no times were to be judged.
@@ -115,30 +120,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_headline_has_the_figures_beyond_their_bounds() {
-        let busy = |others, steal| Some(MeanLoad { others, steal, cores: 2 });
-        for (noise, scatter, load, expected) in [
-            (Noise::Quiet, 0.025, None, "quiet run: frame times scatter by 2.5 % (bound 5 %); "),
-            (Noise::Noisy, 0.084, None, "noisy run: frame times scatter by 8.4 % (bound 5 %); "),
-            (
-                Noise::Noisy,
-                0.025,
-                busy(0.3, 0.02),
-                "noisy run: other processes took 15 % of the cores (bound 10 %); steal time took 2 % of a core (bound 1 %); ",
-            ),
-        ] {
-            let verdict = RunVerdict {
-                noise,
-                scatter,
-                load,
-                target: 0.02,
-                cells: 9,
-                precise: 3,
-                half_width: 0.03,
-                drift: None,
-            };
-            let end = "33 % of 9 timed cells reached ±2 %";
-            assert_eq!(headline(&verdict), format!("{expected}{end}"));
-        }
+    fn a_verdict_names_the_figures_beyond_their_bounds_and_what_to_do() {
+        let (target, half_width, cells, precise) = (0.02, 0.03, 9, 3);
+        let load = Some(MeanLoad { others: 0.3, steal: 0.0, cores: 2 });
+        let (noise, scatter, drift) = (Noise::Noisy, 0.084, None);
+        let verdict =
+            RunVerdict { noise, target, cells, precise, half_width, scatter, load, drift };
+        let busy = "noisy run: other processes took 15 % of the cores (bound 10 %); ";
+        let scatter =
+            "frame times scatter by 8.4 % (bound 5 %); 33 % of 9 timed cells reached ±2 %";
+        assert_eq!(headline(&verdict), format!("{busy}{scatter}"));
+        assert!(to_do(&verdict).unwrap().starts_with("to do: close other programs; add samples"));
+        let verdict = RunVerdict { load: None, ..verdict };
+        assert_eq!(headline(&verdict), format!("noisy run: {scatter}"));
+        assert!(to_do(&verdict).unwrap().starts_with("to do: use a quieter machine; add"));
     }
 }

@@ -46,10 +46,9 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
         @if page.is_overlay() { h3 { (run.label) } }
         (document::html(&caveats(run.view)))
         div.cards {
-            @for card in cards.iter().filter(|card| !card.parts.is_empty()) {
-                article.card {
-                    h3 { a href={ "#" (card.section) } { (card.question) } }
-                    (drawing(page, run.view, card).unwrap_or_else(|| document::html(&card.parts)))
+            @for card in &cards {
+                @if let Some(content) = content(page, run.view, card) {
+                    article.card { h3 { a href={ "#" (card.section) } { (card.question) } } (content) }
                 }
             }
         }
@@ -59,15 +58,17 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     }
 }
 
-/// What a card of a single run shows in place of its words.
-fn drawing(page: &Page<'_>, view: &Report<'_>, card: &Card) -> Option<Markup> {
-    match card.section {
-        "claims" => Some(html! { (document::html(&card.parts)) (claim_marks(view)) }),
-        _ if page.is_overlay() => None,
-        "time" => Some(html! { div.scroll { (PreEscaped(super::time::bars(page)?)) } }),
-        "scaling" => scaling_plots(view),
+/// A drawing where there is one of a single run, else words.
+fn content(page: &Page<'_>, view: &Report<'_>, card: &Card) -> Option<Markup> {
+    let bars = || Some(html! { div.scroll { (PreEscaped(super::time::bars(page)?)) } });
+    let drawing = match card.section {
+        "time" if !page.is_overlay() => bars(),
+        "scaling" if !page.is_overlay() => scaling_plots(view),
         _ => None,
-    }
+    };
+    let words = (!card.parts.is_empty()).then(|| document::html(&card.parts));
+    let marks = (card.section == "claims").then(|| claim_marks(view));
+    drawing.or_else(|| Some(html! { (words?) @if let Some(marks) = marks { (marks) } }))
 }
 
 /// A mark for each claim of the papers, which leads to its experiment.
@@ -143,7 +144,7 @@ pub fn cards(view: &Report<'_>) -> [Card; 5] {
             "Where does the time go?",
             list("The slowest stage of each pipeline:", "No stage was timed.", slowest(view)),
         ),
-        card("scaling", "How does it scale?", growth(view)),
+        card("scaling", "How does it scale?", Vec::new()),
         card(
             if are_measured(view) { "ceilings" } else { "trust" },
             "How near to the limits?",
@@ -208,16 +209,6 @@ fn slowest(view: &Report<'_>) -> Vec<String> {
         format!("{}: {} {share}, {ms} ms", frame.cell.pipeline, stage.stage.stage)
     };
     facts::slowest_stages(view).take(MAX_PIPELINES).map(line).collect()
-}
-
-fn growth(view: &Report<'_>) -> Vec<Block> {
-    let exponents = facts::growth(view).unique_by(|one| one.y_title()).take(MAX_LINES);
-    let lines = exponents.map(|exponent| {
-        let over = facts::factor_words(exponent.fit.range);
-        let [y, x] = [exponent.y_title(), exponent.x_title()];
-        format!("{y} {} with {x}, over {over}", exponent.text())
-    });
-    list("Exponents over the widest ranges:", "No exponent was fitted.", lines.collect())
 }
 
 fn limits(view: &Report<'_>) -> Vec<Block> {
