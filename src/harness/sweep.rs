@@ -190,6 +190,7 @@ mod tests {
             ("volume_ao plane", "--axis PARAM=V1,V2,…; sizes of volume_ao are "),
             ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
             ("volume_ao plane caustics.grid=32,64", "which is one of underwater"),
+            ("underwater plane caustics.buffer=32,64", "such as `[64, 64]`, not 32"),
             ("volume_ao plane voxel.resolution=32,32", "has one value: a sweep needs two"),
             ("volume_ao plane voxel.resolution=32,9999", "is 9999: it must lie within "),
             ("volume_ao plane voxel.resolution=32,few", "takes a whole number"),

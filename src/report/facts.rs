@@ -316,11 +316,6 @@ pub fn growth<'v, 'a>(view: &'v Report<'a>) -> impl Iterator<Item = Exponent<'v,
     times.sorted_by(|a, b| b.fit.decades.total_cmp(&a.fit.decades))
 }
 
-/// `a factor of 16`
-pub fn factor_words((low, high): (f64, f64)) -> String {
-    format!("a factor of {}", format::si(high / low))
-}
-
 /// `41.2 % (39.1 – 43.0)`
 pub fn share(share: &Estimate) -> String {
     let [low, high] = share.ends().map(|end| format::three(100.0 * end));
