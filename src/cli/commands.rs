@@ -208,11 +208,11 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
-    let turns = gpu::measure_loop_turns(&gpu)?;
+    let loop_limit = gpu::measure_loop_turns(&gpu)?;
     if json {
         let mut answer = audit_json(&of_run);
         answer["adapter"] = json!(gpu.adapter);
-        answer["loop_turns"] = json!(turns);
+        answer["loop_turns"] = json!(loop_limit);
         return print_json(&answer);
     }
     let cores = quiet::allowed_cores();
@@ -220,7 +220,7 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
         if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
     print::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
     print::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
-    print::answer(gpu::describe_loop_turns(turns));
+    print::answer(gpu::describe_loop_turns(loop_limit));
     Ok(ExitCode::SUCCESS)
 }
 

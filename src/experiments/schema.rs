@@ -222,8 +222,8 @@ impl Repetitions {
             return Err("repetitions needs parameters to `vary` and an `output`".to_owned());
         }
         let names = self.output.iter().flat_map(|output| [&output.noise, &output.bias]);
-        let mut seen = HashSet::new();
-        match names.into_iter().find(|name| !seen.insert(name.as_str())) {
+        let mut unique = HashSet::new();
+        match names.into_iter().find(|name| !unique.insert(name.as_str())) {
             Some(name) => Err(format!("repetitions names `{name}` twice")),
             None => Ok(()),
         }
@@ -420,8 +420,8 @@ impl Experiment {
             }
         }
         for stages in self.sweep.iter().map(|sweep| &sweep.stages).chain([&self.stages]) {
-            let mut seen = HashSet::new();
-            if let Some(stage) = stages.iter().find(|stage| !seen.insert(*stage)) {
+            let mut unique = HashSet::new();
+            if let Some(stage) = stages.iter().find(|stage| !unique.insert(*stage)) {
                 return Err(format!("stage `{stage}` is listed twice"));
             }
         }

@@ -306,9 +306,9 @@ fn broken_files_are_told_in_one_line() {
     ];
     assert!(Experiment::parse("own", &format!("{SWEPT}{RATIOS}\ndenominator = 20")).is_ok());
     for (text, expected) in cases {
-        let told = message(Experiment::parse("own", &text));
-        assert!(told.contains(expected), "{expected}: {told}");
-        assert!(!told.contains('\n'), "{told}");
+        let error = message(Experiment::parse("own", &text));
+        assert!(error.contains(expected), "{expected}: {error}");
+        assert!(!error.contains('\n'), "{error}");
     }
 }
 

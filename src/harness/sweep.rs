@@ -181,9 +181,12 @@ mod tests {
         std::fs::write(path("notes.txt"), "v 0 0 0").unwrap();
         std::fs::write(path("broken.obj"), "v 0 0 0\nf 1 2 3\n").unwrap();
         let told = |request: SweepRequest, expected: &str| {
-            let told = request.experiment(&Catalog::builtin()).expect_err(expected);
-            let told = format!("{told:#}");
-            assert!(told.contains(expected) && told.lines().count() == 1, "{expected}: {told}");
+            let message = request.experiment(&Catalog::builtin()).expect_err(expected);
+            let message = format!("{message:#}");
+            assert!(
+                message.contains(expected) && message.lines().count() == 1,
+                "{expected}: {message}"
+            );
         };
         for (words, expected) in [
             ("qqq plane a=1,2", "; there are underwater, voxelize, volume_ao, hsao, "),

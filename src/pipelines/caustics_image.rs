@@ -108,8 +108,8 @@ impl CausticsPair {
     /// Σ I / Σ I_ref over the blocks nearer than the median of those that show something, and over the others.
     fn levels_near_and_far(&self) -> [f64; 2] {
         let distances = self.distance_m.data();
-        let seen: Vec<f64> = distances.iter().copied().filter(|d| d.is_finite()).collect();
-        let middle_m = median(&seen);
+        let visible_m: Vec<f64> = distances.iter().copied().filter(|d| d.is_finite()).collect();
+        let middle_m = median(&visible_m);
         [true, false].map(|near| {
             let sum = |image: &Image| -> f64 {
                 let blocks = image.data().iter().zip(distances);

@@ -97,13 +97,13 @@ pub fn apply(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile,
         (Some(cells), Some(volume)) => Some(cells.apply_to(volume)?),
         _ => file.volume.clone(),
     };
-    let kept = if objects == 0 { file.objects.len() } else { objects };
+    let object_count = if objects == 0 { file.objects.len() } else { objects };
     Ok(SceneFile {
         camera,
         light: light.unwrap_or_else(|| file.light.clone()),
         water: water.unwrap_or_else(|| file.water.clone()),
         floor_depth_m: floor_depth_m.unwrap_or(file.floor_depth_m),
-        objects: file.objects.iter().take(kept).cloned().collect(),
+        objects: file.objects.iter().take(object_count).cloned().collect(),
         volume,
         ..file.clone()
     })

@@ -162,10 +162,11 @@ pub fn open_items(view: &Report<'_>) -> Vec<String> {
             cells.saturating_sub(reached)
         ));
     }
-    let left = view.entries().filter(|entry| entry.cell.outcome == Outcome::OverBudget).count();
-    if left > 0 {
+    let remaining =
+        view.entries().filter(|entry| entry.cell.outcome == Outcome::OverBudget).count();
+    if remaining > 0 {
         open.push(format!(
-            "{left} of {} cells were not run, as the time budget ended; `fathom run --resume` measures them.",
+            "{remaining} of {} cells were not run, as the time budget ended; `fathom run --resume` measures them.",
             view.entries().count()
         ));
     }

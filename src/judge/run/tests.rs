@@ -167,9 +167,9 @@ fn noise_with_a_memory_is_seldom_taken_for_a_drift() {
         let verdict = MachineModel { seed: *seed, ..QUIET }.verdict(beside(1.2, true, *seed));
         verdict.drift.unwrap().exceeds(0.0)
     };
-    let told = (0..25).filter(is_told).count();
+    let false_drifts = (0..25).filter(is_told).count();
     // 1.25 are expected, and more than 5 are once in 800 times.
-    assert!(told <= 5, "{told}");
+    assert!(false_drifts <= 5, "{false_drifts}");
 }
 
 #[test]

@@ -187,8 +187,8 @@ impl Series {
     fn lines(&self) -> Vec<String> {
         let fitting = style::max_characters(MAX_NAMES_PX);
         let parts = std::iter::once(&self.name).chain(&self.remarks);
-        let told = parts.filter(|part| !part.is_empty());
-        told.flat_map(|part| style::wrap(part, fitting)).collect()
+        let filled_parts = parts.filter(|part| !part.is_empty());
+        filled_parts.flat_map(|part| style::wrap(part, fitting)).collect()
     }
 
     pub fn xs(&self) -> impl Iterator<Item = f64> {

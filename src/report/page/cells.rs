@@ -227,8 +227,8 @@ mod tests {
             ("fathom sweep hsao --scene a.toml", "fathom run out/sweep.toml --cell "),
             ("fathom run", "fathom run own --cell "),
         ] {
-            let told = again(&cell, line);
-            assert!(told.starts_with(expected), "{line}: {told}");
+            let line_again = again(&cell, line);
+            assert!(line_again.starts_with(expected), "{line}: {line_again}");
         }
     }
 }

@@ -139,8 +139,8 @@ fn caption(
 
 /// Values of the cell's axes in words; the cell's name where there are none.
 fn axes(experiment: Option<&Experiment>, cell: &Cell, is_told: impl Fn(&str) -> bool) -> String {
-    let told = cell.axes.iter().filter(|(name, _)| is_told(name));
-    let words: Vec<String> = told
+    let named_axes = cell.axes.iter().filter(|(name, _)| is_told(name));
+    let words: Vec<String> = named_axes
         .map(|(name, value)| format!("{} {}", axis_title(experiment, name), label_text(value)))
         .collect();
     if words.is_empty() { cell.cell.clone() } else { words.join(", ") }

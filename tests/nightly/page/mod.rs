@@ -209,13 +209,13 @@ fn numbers(values: &Value) -> Vec<f64> {
 fn values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser: &Browser, page: &Path) {
     browser.show(page, WIDE);
     unfold(browser);
-    let told = browser.eval(
+    let tip = browser.eval(
         "const mark = document.querySelector('[data-tip]');
              mark.dispatchEvent(new PointerEvent('pointerover', { bubbles: true }));
              const tip = document.getElementById('tip');
              return [tip.hidden, tip.textContent === mark.dataset.tip]",
     );
-    assert_eq!(told, json!([false, true]));
+    assert_eq!(tip, json!([false, true]));
     let walked = browser
         .eval(
             "const chart = [...document.querySelectorAll('svg.fathom-chart')].find((chart) => chart.querySelectorAll('[data-tip]').length > 2);
