@@ -214,8 +214,8 @@ mod tests {
                 folder.remove(name),
             ];
             for result in tried {
-                let told = result.unwrap_err().to_string();
-                assert!(told.contains(what), "{name}: {told}");
+                let message = result.unwrap_err().to_string();
+                assert!(message.contains(what), "{name}: {message}");
             }
             assert!(!folder.has_file(name), "{name}");
         }

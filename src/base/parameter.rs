@@ -425,7 +425,10 @@ fn kind(value: &Value) -> String {
         Value::Number(n) if n.is_f64() => "a number".into(),
         Value::Number(_) => "a whole number".into(),
         Value::Array(items) if are_tables(items) => "a list of tables".into(),
-        Value::Array(items) => format!("a list of {} numbers", items.len()),
+        Value::Array(items) => {
+            let (count, example) = (items.len(), vec!["64"; items.len()].join(", "));
+            format!("a list of {count} numbers, such as `[{example}]`")
+        }
         _ => "a name".into(),
     }
 }

@@ -177,8 +177,8 @@ mod system {
     /// Lets the calling thread run on these cores.
     pub fn allow(cores: &[usize]) {
         let mut set = CpuSet::new();
-        let known = cores.iter().filter(|core| set.set(**core).is_ok()).count();
-        if known > 0 {
+        let pinned = cores.iter().filter(|core| set.set(**core).is_ok()).count();
+        if pinned > 0 {
             let _ = sched_setaffinity(Pid::from_raw(0), &set);
         }
     }

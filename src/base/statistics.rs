@@ -171,12 +171,12 @@ pub fn outliers(samples: &[f64]) -> Outliers {
     let middle = median(samples);
     let distances: Vec<f64> = samples.iter().map(|x| (x - middle).abs()).collect();
     let sigma = MAD_TO_SIGMA * median(&distances);
-    let mut found = Outliers { n: samples.len(), sigma, ..Outliers::default() };
+    let mut outliers = Outliers { n: samples.len(), sigma, ..Outliers::default() };
     if sigma > 0.0 {
-        found.slow = samples.iter().filter(|x| (**x - middle) / sigma > OUTLIER_Z).count();
-        found.fast = samples.iter().filter(|x| (**x - middle) / sigma < -OUTLIER_Z).count();
+        outliers.slow = samples.iter().filter(|x| (**x - middle) / sigma > OUTLIER_Z).count();
+        outliers.fast = samples.iter().filter(|x| (**x - middle) / sigma < -OUTLIER_Z).count();
     }
-    found
+    outliers
 }
 
 /// A fitted exponent `b` of `y = a · x^b`.

@@ -13,11 +13,11 @@ use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, PaperFigure};
 use crate::harness::plan::{GIVEN, Request};
+use crate::harness::render::RenderedFrame;
 use crate::harness::run::{self, RunOptions, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
-    ceilings, dump as dumping, picture, query as querying, render as rendering, sheet,
-    verify as verifying,
+    ceilings, dump as dumping, picture, query as querying, sheet, verify as verifying,
 };
 use crate::record::command::{CELL_OPTIONS, split_options};
 use crate::record::output::{OutputFolder, RECORDS};
@@ -208,11 +208,11 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
-    let turns = gpu::measure_loop_turns(&gpu)?;
+    let loop_limit = gpu::measure_loop_turns(&gpu)?;
     if json {
         let mut answer = audit_json(&of_run);
         answer["adapter"] = json!(gpu.adapter);
-        answer["loop_turns"] = json!(turns);
+        answer["loop_turns"] = json!(loop_limit);
         return print_json(&answer);
     }
     let cores = quiet::allowed_cores();
@@ -220,7 +220,7 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
         if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
     print::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
     print::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
-    print::answer(gpu::describe_loop_turns(turns));
+    print::answer(gpu::describe_loop_turns(loop_limit));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -312,8 +312,8 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> ExitResult
         let stem = Path::new(scene).file_stem().unwrap_or_default();
         PathBuf::from(stem).with_extension("png")
     });
-    let (rendered, _) = rendering::image(&gpu, &subject, args.samples.unwrap_or(1))?;
-    picture::write_to(&rendered, &path)?;
+    let frame = RenderedFrame::new(&gpu, &subject, args.samples.unwrap_or(1))?;
+    picture::write_to(&frame.image(&gpu)?, &path)?;
     list_files([path])
 }
 

@@ -89,7 +89,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
     let folder = std::env::current_dir().context("there is no current folder")?;
     let commit = |revision: &String| build::commit(&build::repository(&folder)?, revision);
     let commit = args.base.as_ref().map(commit).transpose()?;
-    let taken = flow::lock_output(args.out.as_deref(), "compare", args.resume)?;
+    let locked = flow::lock_output(args.out.as_deref(), "compare", args.resume)?;
     // The head first: a build of the base must not swap what is measured.
     let head = WorkerSource::new(&args.head_bin, &args.head_cmd)?;
     let head = PreparedSide::new(catalog, args, head, of_head)?;
@@ -110,7 +110,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
         resume: args.resume,
         checkout: is_checkout.then(|| build::checkout(&folder)).flatten(),
     };
-    flow::measure(&options, taken, &INTERRUPT, &|text| print::note(text))
+    flow::measure(&options, locked, &INTERRUPT, &|text| print::note(text))
 }
 
 enum WorkerSource<'a> {

@@ -115,8 +115,8 @@ fn conclusion(worst: Level) -> &'static str {
 
 fn measure_briefly(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>> {
     let folder = tempfile::tempdir().context("cannot make a folder for a short run")?;
-    let known = Experiment::ids(&catalog.experiments);
-    let default = known.iter().find(|id| *id == EXPERIMENT).or(known.first());
+    let experiment_ids = Experiment::ids(&catalog.experiments);
+    let default = experiment_ids.iter().find(|id| *id == EXPERIMENT).or(experiment_ids.first());
     let options = RunOptions {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, args),

@@ -311,8 +311,8 @@ impl Bisection<'_> {
             checkout: None,
         };
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        let taken = flow::lock_output(Some(&folder), "", begun)?;
-        flow::measure(&options, taken, interrupted, self.waiting.report)?;
+        let locked = flow::lock_output(Some(&folder), "", begun)?;
+        flow::measure(&options, locked, interrupted, self.waiting.report)?;
         if self.waiting.is_interrupted() {
             bail!("interrupted; `--resume` goes on");
         }

@@ -87,15 +87,15 @@ fn lock(
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<FolderLock> {
-    let mut taken = FolderLock::take(cache);
-    if let Err(error @ LockError::InUse { .. }) = &taken {
+    let mut lock = FolderLock::take(cache);
+    if let Err(error @ LockError::InUse { .. }) = &lock {
         progress(&error.to_string());
     }
-    while matches!(taken, Err(LockError::InUse { .. })) && !interrupted.load(Ordering::Relaxed) {
+    while matches!(lock, Err(LockError::InUse { .. })) && !interrupted.load(Ordering::Relaxed) {
         std::thread::sleep(POLL);
-        taken = FolderLock::take(cache);
+        lock = FolderLock::take(cache);
     }
-    Ok(taken?)
+    Ok(lock?)
 }
 
 fn cargo() -> Command {
@@ -144,18 +144,18 @@ pub fn checkout(folder: &Path) -> Option<Build> {
 }
 
 pub fn repository(folder: &Path) -> Result<PathBuf> {
-    let found = git(folder, &["rev-parse", "--show-toplevel"]).map(PathBuf::from);
+    let root = git(folder, &["rev-parse", "--show-toplevel"]).map(PathBuf::from);
     let shown = folder.display();
-    found.map_err(|reason| {
+    root.map_err(|reason| {
         anyhow!("no revision of {shown} can be had: {reason}; `compare` also takes --base-bin PATH")
     })
 }
 
 pub fn commit(repository: &Path, revision: &str) -> Result<String> {
     let asked = format!("{revision}^{{commit}}");
-    let found = git(repository, &["rev-parse", "--verify", "--end-of-options", &asked]);
+    let commit = git(repository, &["rev-parse", "--verify", "--end-of-options", &asked]);
     let hint = || shallow_hint(repository);
-    found.map_err(|reason| anyhow!("unknown revision `{revision}`: {reason}{}", hint()))
+    commit.map_err(|reason| anyhow!("unknown revision `{revision}`: {reason}{}", hint()))
 }
 
 /// What to do where a revision or its history is not there because the clone is shallow; else nothing.

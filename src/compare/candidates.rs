@@ -70,15 +70,16 @@ impl Candidate {
 impl SearchSpace {
     /// All candidates in their order. The first is the good one.
     pub fn candidates(&self, folder: &Path) -> Result<Vec<Candidate>> {
-        let found = match self {
+        let candidates = match self {
             Self::Revisions { good, bad, .. } => revisions(folder, good, bad)?,
             Self::Lines { list, .. } => lines(list)?,
         };
-        ensure!(found.len() > 1, "a search needs two candidates or more");
-        if let Some(twice) = found.iter().map(|candidate| &candidate.name).duplicates().next() {
+        ensure!(candidates.len() > 1, "a search needs two candidates or more");
+        if let Some(twice) = candidates.iter().map(|candidate| &candidate.name).duplicates().next()
+        {
             bail!("{twice} is named twice");
         }
-        Ok(found)
+        Ok(candidates)
     }
 
     /// What the candidates are, in words.

@@ -73,13 +73,13 @@ impl Gates {
             configuration.stages.retain(keep);
         }
         self.configurations.retain(|configuration| !configuration.stages.is_empty());
-        let left = self.cells();
-        let Some(first) = left.first() else {
+        let remaining = self.cells();
+        let Some(first) = remaining.first() else {
             let families = families(all.iter().map(CellId::stage)).join(", ");
             let meant = did_you_mean(filter, all.iter().map(CellId::as_str));
             bail!("no gate cell matches `{filter}`{meant}; there are cells of {families}");
         };
-        if !left.contains(&self.control) {
+        if !remaining.contains(&self.control) {
             self.control = first.clone();
         }
         Ok(self)

@@ -207,15 +207,15 @@ fn count(
     warm: &dyn Fn() -> bool,
 ) -> (Vec<Compared>, bool) {
     let mut lines = Vec::new();
-    let mut left: VecDeque<_> = job.cells.iter().copied().collect();
+    let mut remaining: VecDeque<_> = job.cells.iter().copied().collect();
     let mut counter: Option<Counter> = None;
-    while let Some((configuration, stage)) = left.front().copied() {
-        let ready = match counter.take().map_or_else(|| Counter::new(&left, conditions), Ok) {
+    while let Some((configuration, stage)) = remaining.front().copied() {
+        let ready = match counter.take().map_or_else(|| Counter::new(&remaining, conditions), Ok) {
             Ok(ready) => ready,
             Err(_) if conditions.waiting.is_interrupted() => break,
             Err((unprepared, cause)) => {
                 let is_lost = |own: &GateConfiguration| unprepared.is_none_or(|id| own.id == id);
-                lines.extend(drop_cells(job, &mut left, is_lost, &cause));
+                lines.extend(drop_cells(job, &mut remaining, is_lost, &cause));
                 continue;
             }
         };
@@ -235,14 +235,19 @@ fn count(
                     second,
                 }));
                 counter = Some(ready);
-                left.pop_front();
+                remaining.pop_front();
             }
             Err(_) if conditions.waiting.is_interrupted() => break,
             Err(cause @ WorkerFault::Silent { .. }) => {
-                lines.extend(drop_cells(job, &mut left, |own| own.id == configuration.id, &cause));
+                lines.extend(drop_cells(
+                    job,
+                    &mut remaining,
+                    |own| own.id == configuration.id,
+                    &cause,
+                ));
             }
             Err(cause) => {
-                left.pop_front();
+                remaining.pop_front();
                 lines.push(fault(job.side, configuration, stage, &cause));
             }
         }

@@ -245,8 +245,8 @@ impl WorkerProcess {
         let asked = Instant::now();
         let mut told = false;
         loop {
-            let left = patience.saturating_sub(asked.elapsed());
-            match self.replies.recv_timeout(left.min(SLICE)) {
+            let remaining = patience.saturating_sub(asked.elapsed());
+            match self.replies.recv_timeout(remaining.min(SLICE)) {
                 Ok(Ok(line)) => return self.read(&line),
                 Ok(Err(error)) => return Err(self.garbage(&error.to_string())),
                 Err(RecvTimeoutError::Disconnected) => return Err(self.exit_fault()),

@@ -118,12 +118,12 @@ pub fn run<E>(
     interrupted: &AtomicBool,
     mut sink: impl FnMut(Vec<Compared>) -> Result<(), E>,
 ) -> Result<(), E> {
-    let left = schedule.cells.iter().filter(|cell| !before.given_up.contains(cell));
+    let remaining = schedule.cells.iter().filter(|cell| !before.given_up.contains(cell));
     let mut gate = Gatekeeper {
         schedule,
         workers,
         launch: before.last.map_or(0, |last| last + 1),
-        cells: left.cloned().collect(),
+        cells: remaining.cloned().collect(),
         control: schedule.control.clone().filter(|_| !before.control_lost),
         interrupted,
     };

@@ -173,17 +173,25 @@ impl Axis {
                 paths.iter().cloned().zip(items.iter().cloned()).collect()
             }
             (paths, _) => {
-                let (name, text) = (&self.name, label_text(value));
-                return Err(format!("axis `{name}` sets {} parameters: `{text}`", paths.len()));
+                let first = value.as_array().and_then(|items| items.first()).unwrap_or(value);
+                return Err(format!(
+                    "axis `{}` sets {}: give a value of each, as in `[{}]`, in place of `{value}`",
+                    self.name,
+                    paths.join(" and "),
+                    vec![first; paths.len()].iter().join(", ")
+                ));
             }
         };
         Ok(AxisValue { label, set })
     }
 
-    /// Whether this value of the axis sets a name or a choice in place of a number.
-    pub(super) fn sets_a_name(&self, value: &Value) -> bool {
+    /// Whether this value of the axis sets a name or a choice in place of a number, or is labelled by one.
+    pub(super) fn is_named(&self, value: &Value) -> bool {
         let is_name = |value: &Value| value.is_string() || value.is_boolean();
-        self.parse(value).is_ok_and(|value| value.set.iter().any(|(_, value)| is_name(value)))
+        self.parse(value).is_ok_and(|AxisValue { label, set }| {
+            label_text(&label).starts_with(char::is_alphabetic)
+                || set.iter().any(|(_, value)| is_name(value))
+        })
     }
 
     fn values_of(&self, profile: Profile) -> &[Value] {
@@ -219,11 +227,7 @@ impl Axis {
             _ => parse_value(text),
         };
         if kind(&value) != kind(example) {
-            return Err(format!(
-                "`{text}` is not {}, as {} is",
-                kind(example),
-                value_text(example)
-            ));
+            return Err(format!("`{text}` is not {}, as `{example}` is", kind(example)));
         }
         self.parse(&value)
     }

@@ -72,7 +72,8 @@ impl Experiment {
         if !is_path {
             let ids = Experiment::ids(folders);
             let near = did_you_mean(id_or_path, ids.iter().map(String::as_str));
-            return Err(ExperimentError(format!("unknown experiment `{id_or_path}`{near}")));
+            let list = if near.is_empty() { "; see `fathom list experiments`" } else { "" };
+            return Err(ExperimentError(format!("unknown experiment `{id_or_path}`{near}{list}")));
         }
         Experiment::read(path)
     }

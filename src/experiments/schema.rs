@@ -222,8 +222,8 @@ impl Repetitions {
             return Err("repetitions needs parameters to `vary` and an `output`".to_owned());
         }
         let names = self.output.iter().flat_map(|output| [&output.noise, &output.bias]);
-        let mut seen = HashSet::new();
-        match names.into_iter().find(|name| !seen.insert(name.as_str())) {
+        let mut unique = HashSet::new();
+        match names.into_iter().find(|name| !unique.insert(name.as_str())) {
             Some(name) => Err(format!("repetitions names `{name}` twice")),
             None => Ok(()),
         }
@@ -420,8 +420,8 @@ impl Experiment {
             }
         }
         for stages in self.sweep.iter().map(|sweep| &sweep.stages).chain([&self.stages]) {
-            let mut seen = HashSet::new();
-            if let Some(stage) = stages.iter().find(|stage| !seen.insert(*stage)) {
+            let mut unique = HashSet::new();
+            if let Some(stage) = stages.iter().find(|stage| !unique.insert(*stage)) {
                 return Err(format!("stage `{stage}` is listed twice"));
             }
         }
@@ -449,7 +449,8 @@ impl Experiment {
         claims.chain(plots).collect()
     }
 
-    /// Whether the values of an axis have no order: some of them sets a name, such as a scene or a method.
+    /// Whether the values of an axis have no order: one of them sets a name, such as a scene or a method, or its label begins with a
+    /// letter, as that of `as printed` does.
     pub fn is_category(&self, axis: &str) -> bool {
         self.axes().any(|one| one.name == axis && one.is_category())
     }
@@ -463,7 +464,7 @@ impl Experiment {
 impl Axis {
     fn is_category(&self) -> bool {
         let lists = [&self.values, &self.quick, &self.paper].into_iter().flatten();
-        lists.flatten().any(|value| self.sets_a_name(value))
+        lists.flatten().any(|value| self.is_named(value))
     }
 
     fn check(&self) -> Result<(), String> {

@@ -262,7 +262,7 @@ fn wrong_names_and_values_are_told_with_the_nearest_right_one() {
     );
     assert_eq!(
         message(cells("caustics.grid=many")),
-        "axis `caustics.grid` of `own`: `many` is not a number, as 10 is"
+        "axis `caustics.grid` of `own`: `many` is not a number, as `10` is"
     );
     let label = message(cells("size=smal"));
     assert!(label.contains("did you mean `small`?"), "{label}");
@@ -306,9 +306,9 @@ fn broken_files_are_told_in_one_line() {
     ];
     assert!(Experiment::parse("own", &format!("{SWEPT}{RATIOS}\ndenominator = 20")).is_ok());
     for (text, expected) in cases {
-        let told = message(Experiment::parse("own", &text));
-        assert!(told.contains(expected), "{expected}: {told}");
-        assert!(!told.contains('\n'), "{told}");
+        let error = message(Experiment::parse("own", &text));
+        assert!(error.contains(expected), "{expected}: {error}");
+        assert!(!error.contains('\n'), "{error}");
     }
 }
 
@@ -383,6 +383,7 @@ fn axes_that_set_names_are_categories_and_those_that_set_numbers_are_not() {
         ("vao-skipping", "ao.skipping", true),
         ("spt-photons", "photons", false),
         ("uw-buffers", "caustics.buffer", false),
+        ("uw-points", "points", true),
     ] {
         let experiment = Experiment::load(id).unwrap();
         assert_eq!(experiment.is_category(axis), expected, "{id} {axis}");

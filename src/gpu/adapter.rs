@@ -265,11 +265,11 @@ impl Gpu {
         let (device, queue) = request(&chosen, &adapter, (features, limits))?;
         let pipelines = Arc::new(Pipelines::default());
         let shaders = Arc::new(ShaderCache::default());
-        let known = (Arc::clone(&pipelines), Arc::clone(&shaders));
+        let caches = (Arc::clone(&pipelines), Arc::clone(&shaders));
         // A pipeline or a shader made in a scope that caught an error may be invalid.
         let mut watched = Device::new(&chosen, device, queue).with_fault_handler(move || {
-            known.0.clear();
-            known.1.lock().unwrap_or_else(PoisonError::into_inner).clear();
+            caches.0.clear();
+            caches.1.lock().unwrap_or_else(PoisonError::into_inner).clear();
         });
         watched.unchecked = options.unchecked;
         watched.adapter.mask = adapter.mask;

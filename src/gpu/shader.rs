@@ -55,8 +55,8 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
 ";
 
 fn source(folders: &Folders, path: &str) -> Result<String, GpuError> {
-    let found = folders.text(&format!("{path}{ENDING}")).map(|(_, text)| text);
-    let mut text = found.ok_or_else(|| GpuError::UnknownShader(path.to_owned()))?;
+    let file = folders.text(&format!("{path}{ENDING}")).map(|(_, text)| text);
+    let mut text = file.ok_or_else(|| GpuError::UnknownShader(path.to_owned()))?;
     if text.contains("@fragment") && !text.contains("@vertex") {
         text.push_str(FULL_SCREEN);
     }
@@ -92,8 +92,8 @@ pub fn link(folders: &Folders, path: &str, defs: &[(&str, i32)]) -> Result<naga:
     values.extend(defs.iter().map(|(name, value)| ((*name).to_owned(), *value)));
     let shader_defs: HashMap<String, ShaderDefValue> =
         values.into_iter().map(|(name, value)| (name, ShaderDefValue::Int(value))).collect();
-    let kept = COMPOSER.take().filter(|(of, _)| *of == folders.names());
-    let mut composer = kept.map_or_else(|| composer(folders), |(_, composer)| Ok(composer))?;
+    let cached = COMPOSER.take().filter(|(of, _)| *of == folders.names());
+    let mut composer = cached.map_or_else(|| composer(folders), |(_, composer)| Ok(composer))?;
     let descriptor = NagaModuleDescriptor {
         source: &source(folders, path)?,
         file_path: &format!("shaders/{path}.wgsl"),
@@ -149,9 +149,10 @@ pub fn text(path: &str, module: &naga::Module) -> Result<String, GpuError> {
     use naga::back::wgsl::{WriterFlags, write_string};
     use naga::valid::{Capabilities, ValidationFlags, Validator};
     let failed = |message: String| GpuError::Shader { path: path.to_owned(), message };
-    let known = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(module);
-    let known = known.map_err(|error| failed(error.to_string()))?;
-    write_string(module, &known, WriterFlags::empty()).map_err(|error| failed(error.to_string()))
+    let validated = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(module);
+    let validated = validated.map_err(|error| failed(error.to_string()))?;
+    write_string(module, &validated, WriterFlags::empty())
+        .map_err(|error| failed(error.to_string()))
 }
 
 /// Options for every pipeline: workgroup memory is not cleared, as kernels write it before reading.
@@ -166,8 +167,8 @@ impl Gpu {
     /// The shader `shaders/PATH.wgsl`, such as `caustics/trace`, linked with what it imports.
     pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
         let key = CodeKey::new(path, defs);
-        let known = self.shader_cache().get(&key).cloned().flatten();
-        if let Some(shader) = known {
+        let cached = self.shader_cache().get(&key).cloned().flatten();
+        if let Some(shader) = cached {
             // A device that is lost has none.
             return self.catch(|| Ok(shader));
         }

@@ -32,8 +32,8 @@ impl CargoTarget {
 pub enum SubjectError {
     #[error("unknown pipeline `{name}`{hint}")]
     UnknownPipeline { name: String, hint: String },
-    #[error("pipeline {pipeline} has no parameter `{path}`, which is one of {}{hint}", .owners.join(", "))]
-    OfAnother { pipeline: &'static str, path: String, owners: Vec<&'static str>, hint: String },
+    #[error("pipeline {pipeline} has no parameter `{path}`, which is one of {}", .owners.join(", "))]
+    OfAnother { pipeline: &'static str, path: String, owners: Vec<&'static str> },
     #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]
@@ -164,7 +164,7 @@ impl Catalog {
         if owners.is_empty() {
             return ParamError::Unknown { path, hint }.into();
         }
-        SubjectError::OfAnother { pipeline: of.name, path, owners, hint }
+        SubjectError::OfAnother { pipeline: of.name, path, owners }
     }
 
     /// The stages that a pipeline's frame holds by some of its parameters, in frame order: found by planning it with each of the

@@ -9,14 +9,13 @@ use image::{RgbImage, imageops};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::render;
+use super::render::RenderedFrame;
 use super::subject::{Subject, Subjects};
 use fathom_base::embedded::Folders;
 use fathom_base::text::{check_id, did_you_mean};
 use fathom_experiments::flatten;
 use fathom_experiments::schema::one_line;
 use fathom_gpu::Gpu;
-use fathom_pipelines::ReferenceCache;
 
 /// The name that stands for every figure.
 const ALL: &str = "all";
@@ -43,7 +42,7 @@ pub struct PaperFigure {
     pub params: Map<String, Value>,
     pub panel: Vec<FigurePanel>,
     /// Words by their names. The panels are there once for each of these tables, with its words in place of their names in braces in
-    /// captions and scenes.
+    /// captions, scenes and parameters.
     #[serde(default)]
     each: Vec<BTreeMap<String, String>>,
 }
@@ -54,10 +53,10 @@ pub enum FigureContent {
     /// Its picture.
     #[default]
     Image,
-    /// Irradiance that the caustics bring to what each pixel shows, in greys.
-    Caustics,
-    /// That of the photon map.
-    CausticsReference,
+    /// Exact answers in its place.
+    Reference,
+    /// Where it differs from them.
+    Error,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -79,14 +78,18 @@ pub struct FigurePanel {
 
 impl FigurePanel {
     fn with(&self, words: &BTreeMap<String, String>) -> Self {
-        let filled = |text: &String| {
+        let filled = |text: &str| {
             let word = |text: String, (name, word): (&String, &String)| {
                 text.replace(&format!("{{{name}}}"), word)
             };
-            words.iter().fold(text.clone(), word)
+            words.iter().fold(text.to_owned(), word)
         };
-        let (caption, scene) = (filled(&self.caption), self.scene.as_ref().map(filled));
-        Self { caption, scene, ..self.clone() }
+        let (caption, scene) = (filled(&self.caption), self.scene.as_deref().map(filled));
+        let params = flatten(&self.params).into_iter().map(|(path, value)| {
+            let text = value.as_str().map(|text| filled(text).into());
+            (path, text.unwrap_or(value))
+        });
+        Self { caption, scene, params: params.collect(), ..self.clone() }
     }
 }
 
@@ -98,6 +101,7 @@ fn two() -> u32 {
     2
 }
 
+#[derive(Clone)]
 pub struct RenderedPanel {
     pub picture: RgbImage,
     /// Its greys are 1 − A.
@@ -199,31 +203,47 @@ impl PaperFigure {
         more: &[(String, Value)],
         samples: Option<u32>,
     ) -> Result<Vec<RenderedPanel>> {
-        let mut known = ReferenceCache::load();
-        let mut rendered = |panel: &FigurePanel| -> Result<RenderedPanel> {
-            let (pipeline, scene, params) = self.setting(panel, more);
-            let subject = subjects.subject(pipeline, scene, &params)?;
-            let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
-            let (mut picture, shows_visibility) = match panel.shows {
-                FigureContent::Image => render::image(gpu, &subject, samples)?,
-                FigureContent::Caustics => {
-                    (render::caustics(gpu, &subject, &mut known, false)?, false)
-                }
-                FigureContent::CausticsReference => {
-                    (render::caustics(gpu, &subject, &mut known, true)?, false)
-                }
-            };
-            if let Some(crop) = panel.crop {
-                picture = cropped(&picture, crop);
-            }
-            Ok(RenderedPanel { picture, shows_visibility, caption: caption(panel, &subject) })
+        let is_one_frame = |a: &FigurePanel, b: &FigurePanel| {
+            a.samples == b.samples && self.setting(a, more) == self.setting(b, more)
         };
-        let named = |panel: &FigurePanel| {
-            let told = |error| anyhow!("figure `{}`, panel `{}`: {error}", self.id, panel.caption);
-            rendered(panel).map_err(told)
-        };
-        self.panel.iter().map(named).collect()
+        let frames = self.panel.chunk_by(is_one_frame).map(|panels| {
+            let (pipeline, scene, params) = self.setting(&panels[0], more);
+            let samples = samples.or(panels[0].samples).unwrap_or(SAMPLES);
+            let subject = subjects.subject(pipeline, scene, &params).map_err(anyhow::Error::from);
+            let rendered = subject.and_then(|subject| {
+                let frame = RenderedFrame::new(gpu, &subject, samples)?;
+                render_panels(gpu, panels, &subject, &frame)
+            });
+            rendered.map_err(|error| {
+                anyhow!("figure `{}`, panel `{}`: {error}", self.id, panels[0].caption)
+            })
+        });
+        Ok(frames.collect::<Result<Vec<_>>>()?.concat())
     }
+}
+
+/// The panels that show one frame.
+fn render_panels(
+    gpu: &Gpu,
+    panels: &[FigurePanel],
+    subject: &Subject,
+    frame: &RenderedFrame,
+) -> Result<Vec<RenderedPanel>> {
+    let is_compared = panels.iter().any(|panel| panel.shows != FigureContent::Image);
+    let compared = is_compared.then(|| frame.compare_pixels(gpu, subject)).transpose()?;
+    let render = |panel: &FigurePanel| {
+        let picture = match (panel.shows, &compared) {
+            (FigureContent::Reference, Some(compared)) => compared.exact.clone(),
+            (FigureContent::Error, Some(compared)) => compared.error.clone(),
+            _ => frame.image(gpu)?,
+        };
+        Ok(RenderedPanel {
+            picture: panel.crop.map_or(picture.clone(), |crop| cropped(&picture, crop)),
+            shows_visibility: frame.pipeline.shows_visibility(),
+            caption: caption(panel, subject),
+        })
+    };
+    panels.iter().map(render).collect()
 }
 
 /// A panel's caption, which tells where a stand-in takes a mesh's place.

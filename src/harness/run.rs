@@ -398,7 +398,7 @@ impl Measurement<'_> {
             self.skip(planned)?;
         }
         (0..planned.len()).for_each(|experiment| self.look(experiment));
-        let mut left = Outcome::OverBudget;
+        let mut outcome = Outcome::OverBudget;
         while !self.interrupted.load(Ordering::Relaxed) {
             let deadline_s = self.output.deadline_s();
             let Some(batch) = self.schedule.next(deadline_s - self.output.now_s()) else { break };
@@ -412,7 +412,7 @@ impl Measurement<'_> {
                 && let Err(why) = self.session.reopen()
             {
                 let reason = format!("device lost ({lost}) and not recovered: {why}");
-                left = Outcome::Failed { reason };
+                outcome = Outcome::Failed { reason };
                 break;
             }
             if before == (self.round, self.output.records.len()) {
@@ -421,7 +421,7 @@ impl Measurement<'_> {
         }
         self.output.progress.end();
         if !self.interrupted.load(Ordering::Relaxed) {
-            self.record_unfinished(left)?;
+            self.record_unfinished(outcome)?;
         }
         Ok(())
     }

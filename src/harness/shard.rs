@@ -16,14 +16,14 @@ struct ShardUnit {
 
 /// Drops the cells of other shards. `expanded` holds those of each experiment.
 pub fn retain_shard(part: Part, experiments: &[Experiment], expanded: &mut [Vec<CellPlan>]) {
-    let mut kept = vec![Vec::new(); expanded.len()];
+    let mut chosen = vec![Vec::new(); expanded.len()];
     let units = units(experiments, expanded);
     for unit in units.iter().skip(part.number as usize - 1).step_by(part.of as usize) {
-        kept[unit.experiment].extend(&unit.cells);
+        chosen[unit.experiment].extend(&unit.cells);
     }
-    for (plans, kept) in expanded.iter_mut().zip(kept) {
+    for (plans, chosen) in expanded.iter_mut().zip(chosen) {
         let mut index = 0..;
-        plans.retain(|_| index.next().is_some_and(|index| kept.contains(&index)));
+        plans.retain(|_| index.next().is_some_and(|index| chosen.contains(&index)));
     }
 }
 

@@ -14,16 +14,25 @@ pub fn section(figure: &PaperFigure, panels: &[RenderedPanel]) -> Markup {
     html! {
         section {
             h2 { (figure.source) ": " (figure.title) }
-            p { (figure.about) }
+            p { (with_code(&figure.about)) }
             div.panels style={ "grid-template-columns: repeat(" (figure.columns) ", max-content)" } {
                 @for (number, RenderedPanel { caption, picture, shows_visibility }) in panels.iter().enumerate() {
                     figure {
                         img src=(panel_file(Path::new(""), figure, number).display()) width=(picture.width())
                             height=(picture.height()) alt=(caption);
-                        figcaption { (caption) @if *shows_visibility { " (black is A = 1, white A = 0)" } }
+                        figcaption { (with_code(caption)) @if *shows_visibility { " (black is A = 1, white A = 0)" } }
                     }
                 }
             }
+        }
+    }
+}
+
+/// Words with what stands between backticks as code.
+fn with_code(words: &str) -> Markup {
+    html! {
+        @for (place, piece) in words.split('`').enumerate() {
+            @if place % 2 == 1 { code { (piece) } } @else { (piece) }
         }
     }
 }
@@ -47,7 +56,7 @@ mod tests {
 
     #[test]
     fn a_sheet_shows_every_panel_with_its_caption_and_what_greys_mean() {
-        let text = "id = \"f-1\"\ntitle = \"A & B\"\nsource = \"s\"\nabout = \"a\"\n[[panel]]\ncaption = \"c\"";
+        let text = "id = \"f-1\"\ntitle = \"A & B\"\nsource = \"s\"\nabout = \"see `b/c`\"\n[[panel]]\ncaption = \"c\"";
         let figure: PaperFigure = toml::from_str(text).unwrap();
         let panel = |shows_visibility| RenderedPanel {
             picture: RgbImage::new(40, 20),
@@ -55,6 +64,7 @@ mod tests {
             caption: format!("greys: {shows_visibility}"),
         };
         let text = page("f-1", &[section(&figure, &[panel(false), panel(true)])]);
+        assert!(text.contains("<p>see <code>b/c</code></p>"), "{text}");
         assert!(text.contains("A &amp; B") && text.contains("repeat(2, max-content)"), "{text}");
         for part in [
             "f-1-a.png\" width=\"40\" height=\"20\"",

@@ -80,9 +80,9 @@ impl Subject {
     /// The same seen from elsewhere. The geometry is shared: pipelines take the camera from the parameters.
     #[must_use]
     pub fn with_camera(&self, camera: &Camera) -> Self {
-        let mut seen = self.clone();
-        seen.params["camera"] = parameter::tree(camera);
-        seen
+        let mut moved = self.clone();
+        moved.params["camera"] = parameter::tree(camera);
+        moved
     }
 
     /// The same with other random numbers; none where the pipeline has no seed.

@@ -181,15 +181,19 @@ mod tests {
         std::fs::write(path("notes.txt"), "v 0 0 0").unwrap();
         std::fs::write(path("broken.obj"), "v 0 0 0\nf 1 2 3\n").unwrap();
         let told = |request: SweepRequest, expected: &str| {
-            let told = request.experiment(&Catalog::builtin()).expect_err(expected);
-            let told = format!("{told:#}");
-            assert!(told.contains(expected) && told.lines().count() == 1, "{expected}: {told}");
+            let message = request.experiment(&Catalog::builtin()).expect_err(expected);
+            let message = format!("{message:#}");
+            assert!(
+                message.contains(expected) && message.lines().count() == 1,
+                "{expected}: {message}"
+            );
         };
         for (words, expected) in [
             ("qqq plane a=1,2", "; there are underwater, voxelize, volume_ao, hsao, "),
             ("volume_ao plane", "--axis PARAM=V1,V2,…; sizes of volume_ao are "),
             ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
             ("volume_ao plane caustics.grid=32,64", "which is one of underwater"),
+            ("underwater plane caustics.buffer=32,64", "such as `[64, 64]`, not 32"),
             ("volume_ao plane voxel.resolution=32,32", "has one value: a sweep needs two"),
             ("volume_ao plane voxel.resolution=32,9999", "is 9999: it must lie within "),
             ("volume_ao plane voxel.resolution=32,few", "takes a whole number"),

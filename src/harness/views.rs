@@ -78,11 +78,11 @@ impl TurnedView {
     /// numbers.
     pub fn all(cell: &Subject, turns_deg: &[f64]) -> Option<Vec<Self>> {
         let camera = cell.camera();
-        let seen = |turn_deg: &f64| (*turn_deg, cell.with_camera(&turned(&camera, *turn_deg)));
-        let all = std::iter::once((0.0, cell.clone())).chain(turns_deg.iter().map(seen));
-        let twice = |(turn_deg, seen): (f64, Subject)| {
-            let again = drawn_anew(&seen)?;
-            Some(Self { turn_deg, subjects: [seen, again] })
+        let viewed = |turn_deg: &f64| (*turn_deg, cell.with_camera(&turned(&camera, *turn_deg)));
+        let all = std::iter::once((0.0, cell.clone())).chain(turns_deg.iter().map(viewed));
+        let twice = |(turn_deg, viewed): (f64, Subject)| {
+            let again = drawn_anew(&viewed)?;
+            Some(Self { turn_deg, subjects: [viewed, again] })
         };
         all.map(twice).collect()
     }

@@ -127,10 +127,10 @@ impl HistoryChanges {
     }
 
     pub fn in_series(&self, series: usize) -> Vec<&SeriesChange> {
-        let mut found: Vec<&SeriesChange> =
+        let mut sure_changes: Vec<&SeriesChange> =
             self.changes.iter().filter(|c| c.series == series).collect();
-        found.sort_by_key(|change| change.point);
-        found
+        sure_changes.sort_by_key(|change| change.point);
+        sure_changes
     }
 
     /// How many are of this kind.

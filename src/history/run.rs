@@ -93,9 +93,9 @@ impl NewRun {
             }
             _ => error.into(),
         })?;
-        let mut found = RunContents::default();
-        read.records.into_iter().for_each(|record| found.take(record));
-        let header = found.check(&path, &read.damaged)?;
+        let mut contents = RunContents::default();
+        read.records.into_iter().for_each(|record| contents.take(record));
+        let header = contents.check(&path, &read.damaged)?;
         let file = folder::unpacked(&path, MAX_RECORDS);
         let of_figure = |(key, (host, value))| NewFigure { key, host, value };
         Ok(NewRun {
@@ -103,9 +103,9 @@ impl NewRun {
             started_at: header.started_at.clone(),
             adapter: header.adapter.title(),
             driver: driver(&header),
-            hosts: found.hosts.into_iter().collect(),
-            cells: found.cells.len(),
-            figures: found.figures.into_iter().map(of_figure).collect(),
+            hosts: contents.hosts.into_iter().collect(),
+            cells: contents.cells.len(),
+            figures: contents.figures.into_iter().map(of_figure).collect(),
         })
     }
 }

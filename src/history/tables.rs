@@ -39,22 +39,22 @@ pub fn headline(stored: &StoredRuns, findings: &HistoryChanges) -> String {
     let runs = stored.runs.len();
     let [sure, possible, drift] =
         [Certainty::Sure, Certainty::Possible, Certainty::Drift].map(|kind| findings.count(kind));
-    let mut told = format!("{runs} runs, {searched} series searched");
+    let mut headline = format!("{runs} runs, {searched} series searched");
     if *too_short > 0 {
-        told += &format!(", {too_short} too short (fewer than {MIN_RUNS} runs)");
+        headline += &format!(", {too_short} too short (fewer than {MIN_RUNS} runs)");
     }
     let [share, level] = [FALSE_SHARE, LEVEL].map(|share| 100.0 * share);
     if sure > 0 {
-        told += &format!(". Sure changes: {sure}, of which at most about {share} % are false");
+        headline += &format!(". Sure changes: {sure}, of which at most about {share} % are false");
     }
     if possible > 0 {
-        told +=
+        headline +=
             &format!(". Possible changes: {possible}; up to {level} % of stable series have one");
     }
     if drift > 0 {
-        told += &format!(". Machine drift, which the controls share: {drift}");
+        headline += &format!(". Machine drift, which the controls share: {drift}");
     }
-    if changes.is_empty() { told + ". No change." } else { told + "." }
+    if changes.is_empty() { headline + ". No change." } else { headline + "." }
 }
 
 /// The two commits between which a figure changed.

@@ -41,11 +41,11 @@ pub struct ChangePoint {
 
 /// The change points of a series at [`LEVEL`], in their order. None of a series shorter than [`MIN_RUNS`].
 pub fn change_points(values: &[f64], scores: &mut Scores) -> Vec<ChangePoint> {
-    let mut found = Vec::new();
-    search(values, 0, 0.0, scores, &mut found);
-    found.sort_unstable_by_key(|point| point.first);
-    settle(values, scores, &mut found);
-    found
+    let mut change_points = Vec::new();
+    search(values, 0, 0.0, scores, &mut change_points);
+    change_points.sort_unstable_by_key(|point| point.first);
+    settle(values, scores, &mut change_points);
+    change_points
 }
 
 /// Splits a segment that begins with the run `first` and came about by a split of probability `parent`.

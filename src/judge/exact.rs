@@ -63,23 +63,23 @@ impl Difference {
 /// Every figure that differs between the sides, in the order of the lines.
 pub fn judge(comparison: &Comparison) -> Vec<Difference> {
     let counting = Side::BOTH.map(|side| counting(comparison, side));
-    let mut found = Vec::new();
+    let mut findings = Vec::new();
     for (base, head) in pair_sides(comparison.exact.iter(), |line| (line.side, &line.cell)) {
         let counted = counting.iter().all(|side| side.contains(base.cell.configuration()));
-        found.extend(cell(base, head, counted));
+        findings.extend(cell(base, head, counted));
     }
     for (base, head) in configurations(comparison) {
-        configuration(base, head, &comparison.header.cells, &mut found);
+        configuration(base, head, &comparison.header.cells, &mut findings);
     }
     let checks =
         pair_sides(comparison.checks.iter(), |line| (line.side, (&line.stage, &line.what)));
-    found.extend(checks.into_iter().filter_map(|(base, head)| check(base, head)));
+    findings.extend(checks.into_iter().filter_map(|(base, head)| check(base, head)));
     if !AdapterRelation::from_header(&comparison.header).is_judged() {
         // What another driver or device invokes more often is no change of this one.
-        let counters = found.iter_mut().filter(|other| other.kind == FigureKind::Counter);
+        let counters = findings.iter_mut().filter(|other| other.kind == FigureKind::Counter);
         counters.for_each(|other| other.worse = false);
     }
-    found
+    findings
 }
 
 fn configurations(comparison: &Comparison) -> Vec<(&ConfigurationFigures, &ConfigurationFigures)> {

@@ -165,8 +165,8 @@ mod tests {
         }
         let mut few = shares(&[0.2, 0.8], 0.01);
         few.iter_mut().for_each(|point| point.least.truncate(5));
-        let told = crossing(&few, 0.5);
-        assert_eq!(told, Knee::NotSettled("too few samples: 5 of 7".to_owned()));
+        let knee = crossing(&few, 0.5);
+        assert_eq!(knee, Knee::NotSettled("too few samples: 5 of 7".to_owned()));
         for size in [0, 1] {
             let mut bounds = shares(&[0.2, 0.8], 0.01);
             (bounds[size].least, bounds[size].most) = (vec![0.0; 12], vec![0.9; 12]);

@@ -35,15 +35,21 @@ pub enum Noise {
     Noisy,
 }
 
-/// What would make the next run better.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Advice {
-    CloseOthers,
-    UnsharedHost,
-    QuieterMachine,
-    /// By this share over the run.
-    Drifted(f64),
-    MoreSamples,
+/// What a run is judged by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Criterion {
+    OtherProcesses,
+    Steal,
+    Scatter,
+    Drift,
+}
+
+/// A figure of a run, and the bound beyond which it is noisy, or drifting.
+#[derive(Clone, Copy, Debug)]
+pub struct BoundedFigure {
+    pub criterion: Criterion,
+    pub value: f64,
+    pub bound: f64,
 }
 
 /// What a run's records say of the machine while it measured.
@@ -71,16 +77,6 @@ pub struct MeanLoad {
     pub steal: f64,
     /// That the machine has.
     pub cores: usize,
-}
-
-impl MeanLoad {
-    fn is_busy(&self) -> bool {
-        self.others > OTHERS * self.cores as f64
-    }
-
-    fn is_stolen_from(&self) -> bool {
-        self.steal > STEAL
-    }
 }
 
 /// How frame times changed while the run measured.
@@ -117,45 +113,39 @@ impl RunVerdict {
         let machine = run.conditions.machine.as_ref();
         let cores = machine.and_then(|machine| machine.cores).unwrap_or(run.adapter.host_threads);
         let load = load(frames, cores);
-        let is_noisy =
-            scatter > SCATTER || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
-        let noise = match drift {
-            _ if is_noisy => Noise::Noisy,
-            Some(drift) if drift.exceeds(target) => Noise::Drifting,
-            _ => Noise::Quiet,
-        };
         let (cells, half_width) = (frames.len(), statistics::median(&widths));
-        (cells > 0).then_some(Self {
-            noise,
-            target,
-            cells,
-            precise,
-            half_width,
-            scatter,
-            load,
-            drift,
-        })
+        let noise = Noise::Quiet;
+        let mut verdict = Self { noise, target, cells, precise, half_width, scatter, load, drift };
+        verdict.noise = match verdict.exceeded().next().map(|figure| figure.criterion) {
+            None => Noise::Quiet,
+            Some(Criterion::Drift) => Noise::Drifting,
+            Some(_) => Noise::Noisy,
+        };
+        (cells > 0).then_some(verdict)
+    }
+
+    /// What it was judged by. A drift whose interval holds none counts as none.
+    pub fn figures(&self) -> [BoundedFigure; 4] {
+        let load = self.load.map(|load| [load.others / load.cores as f64, load.steal]);
+        let [others, steal] = load.unwrap_or_default();
+        let drift = self.drift.filter(|drift| drift.exceeds(0.0)).map_or(0.0, |d| d.change());
+        [
+            (Criterion::OtherProcesses, others, OTHERS),
+            (Criterion::Steal, steal, STEAL),
+            (Criterion::Scatter, self.scatter, SCATTER),
+            (Criterion::Drift, drift, self.target),
+        ]
+        .map(|(criterion, value, bound)| BoundedFigure { criterion, value, bound })
+    }
+
+    /// The figures beyond their bounds.
+    pub fn exceeded(&self) -> impl Iterator<Item = BoundedFigure> + use<> {
+        self.figures().into_iter().filter(|figure| figure.value.abs() > figure.bound)
     }
 
     /// Half of the cells or more have the precision that was asked.
     pub fn is_precise(&self) -> bool {
         2 * self.precise >= self.cells
-    }
-
-    /// What would make the next run better; empty where nothing is to be done.
-    pub fn advice(&self) -> Vec<Advice> {
-        let is_busy = self.load.is_some_and(|load| load.is_busy());
-        let is_stolen_from = self.load.is_some_and(|load| load.is_stolen_from());
-        let scatters_alone = self.noise == Noise::Noisy && !is_busy && !is_stolen_from;
-        let drift = self.drift.filter(|drift| drift.exceeds(self.target));
-        let advice = [
-            is_busy.then_some(Advice::CloseOthers),
-            is_stolen_from.then_some(Advice::UnsharedHost),
-            scatters_alone.then_some(Advice::QuieterMachine),
-            drift.map(|drift| Advice::Drifted(drift.change())),
-            (!self.is_precise()).then_some(Advice::MoreSamples),
-        ];
-        advice.into_iter().flatten().collect()
     }
 }
 

@@ -179,11 +179,11 @@ impl<'a> Verdicts<'a> {
 
     /// Cells whose verdict is a regression, the gravest first: by verdict, then by how much.
     pub fn regressions(&self) -> Vec<&JudgedCell> {
-        let found = self.cells.iter().filter(|cell| cell.verdict.is_regression());
+        let regressions = self.cells.iter().filter(|cell| cell.verdict.is_regression());
         let graver = |a: &&JudgedCell, b: &&JudgedCell| {
             a.verdict.cmp(&b.verdict).then(b.weight().total_cmp(&a.weight()))
         };
-        found.sorted_by(graver).collect()
+        regressions.sorted_by(graver).collect()
     }
 
     /// How many cells have each verdict, the worst verdict first; those that none has are left out.

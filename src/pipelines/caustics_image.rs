@@ -25,11 +25,6 @@ const PHOTONS_PER_BLOCK: f64 = 40.0;
 /// Error in units of the mean irradiance that a picture shows in full colour.
 const PICTURE_FULL: f64 = 1.0;
 
-/// Least width of a picture of irradiance: each value is a square of pixels.
-const PICTURE_WIDTH: u32 = 600;
-/// Irradiance that is shown at 63 %, over the mean: a third to a half of a picture of water is dark.
-const PICTURE_BRIGHT: f64 = 3.0;
-
 /// Irradiance of what the pixels of a picture show, W/m², as a frame has left it.
 pub struct FrameCaustics {
     pub irradiance: Image,
@@ -108,8 +103,8 @@ impl CausticsPair {
     /// Σ I / Σ I_ref over the blocks nearer than the median of those that show something, and over the others.
     fn levels_near_and_far(&self) -> [f64; 2] {
         let distances = self.distance_m.data();
-        let seen: Vec<f64> = distances.iter().copied().filter(|d| d.is_finite()).collect();
-        let middle_m = median(&seen);
+        let visible_m: Vec<f64> = distances.iter().copied().filter(|d| d.is_finite()).collect();
+        let middle_m = median(&visible_m);
         [true, false].map(|near| {
             let sum = |image: &Image| -> f64 {
                 let blocks = image.data().iter().zip(distances);
@@ -117,20 +112,6 @@ impl CausticsPair {
                 of_half.map(|(value, _)| value).sum()
             };
             sum(&self.measured) / sum(&self.exact)
-        })
-    }
-
-    /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
-    /// view are toned alike. Not made for a display's gamma: lines of light keep their contrast.
-    pub fn picture(&self, exact: bool) -> RgbImage {
-        let shown = if exact { &self.exact } else { &self.measured };
-        let bright = PICTURE_BRIGHT * self.exact.mean();
-        let side = PICTURE_WIDTH.div_ceil(shown.width());
-        let [width, height] = shown.size().map(|pixels| pixels * side);
-        RgbImage::from_fn(width, height, |x, y| {
-            let irradiance = shown.clamped((x / side).into(), (y / side).into());
-            let value = 1.0 - (-irradiance / bright).exp();
-            Rgb([(255.0 * value).round() as u8; 3])
         })
     }
 

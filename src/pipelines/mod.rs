@@ -99,13 +99,13 @@ pub fn apply(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile,
         (Some(cells), Some(volume)) => Some(cells.apply_to(volume)?),
         _ => file.volume.clone(),
     };
-    let kept = if objects == 0 { file.objects.len() } else { objects };
+    let object_count = if objects == 0 { file.objects.len() } else { objects };
     Ok(SceneFile {
         camera,
         light: light.unwrap_or_else(|| file.light.clone()),
         water: water.unwrap_or_else(|| file.water.clone()),
         floor_depth_m: floor_depth_m.unwrap_or(file.floor_depth_m),
-        objects: file.objects.iter().take(kept).cloned().collect(),
+        objects: file.objects.iter().take(object_count).cloned().collect(),
         volume,
         ..file.clone()
     })
@@ -174,6 +174,20 @@ pub trait PipelineInstance {
     fn caustics(&self, _judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
         Ok(None)
     }
+
+    /// The last frame beside exact answers, pixel by pixel; none where there are none.
+    ///
+    /// # Errors
+    /// As [`Self::judge`].
+    fn compare_pixels(&self, _: &Judge<'_>) -> Result<Option<PixelComparison>, JudgeError> {
+        Ok(None)
+    }
+}
+
+/// Pictures of the exact answers, and of where a frame differs from them.
+pub struct PixelComparison {
+    pub exact: RgbImage,
+    pub error: RgbImage,
 }
 
 /// A picture of errors, and what its colours mean.
@@ -297,8 +311,6 @@ pub enum JudgeError {
     Gpu(#[from] GpuError),
     #[error("no surface is seen")]
     Nothing,
-    #[error("pipeline {0} has no caustics")]
-    NoCaustics(&'static str),
     #[error("the photon map knows no mirrors and no glass: object `{0}`")]
     Specular(String),
     #[error("pipeline {0} has no picture of its error")]
@@ -365,14 +377,6 @@ impl<P: PipelineInstance + ?Sized> BuiltPipeline<P> {
             judged.quantities.extend(of_image.quantities);
         }
         Ok(judged)
-    }
-
-    /// See [`PipelineInstance::caustics`].
-    ///
-    /// # Errors
-    /// As there, and pipelines without caustics.
-    pub fn caustics(&self, judge: &mut Judge<'_>) -> Result<CausticsPair, JudgeError> {
-        self.pipeline.caustics(judge)?.ok_or(JudgeError::NoCaustics(self.name))
     }
 
     /// A picture of the error of ambient occlusion or of caustics, point by point, and what its colours mean.

@@ -63,12 +63,12 @@ impl Pipeline for PhotonTracing {
         let peel = peel::new(of_layers, shared, scene, solid, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
 
-        let ways = (params.path_segments(), params.sprites.max_hits);
+        let path_limits = (params.path_segments(), params.sprites.max_hits);
         let traced = RayInputs {
             transfers: &map.transfers,
             layers: &layers,
             bounds: under_water(scene),
-            walking: params.rays.walking(resources.gpu, ways),
+            walking: params.rays.walking(resources.gpu, path_limits),
         };
         let of_grid = &resources.with_size_hint("transfer.grid");
         let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;

@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
-use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance};
-use super::{exact_answers, judged_view, objects_of, share, to_map};
+use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance, PixelComparison};
+use super::{exact_answers, judged_view, objects_of, occlusion::signed_color, share, to_map};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError};
@@ -19,6 +19,7 @@ use fathom_stages::photon::{Fate, Photon, Photons};
 use fathom_stages::screen_ray::RayInputs;
 use fathom_stages::uniforms::View;
 use fathom_stages::{ldi, scene, shadow, transfer};
+use image::{Rgb, RgbImage};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -108,21 +109,54 @@ impl PipelineInstance for ShadowRays {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let found = self.photons.read(judge.gpu)?;
-        let errors = shadow_errors(&self.compared(&found, judge.scene)?);
-        Ok(Errors::new(self.params.rays.method.info().name, errors, []))
+        let ends = self.photons.read(judge.gpu)?;
+        let compared = self.compare(&ends, judge.scene, MAX_PIXELS);
+        let pixels: Vec<InShadow> = compared.into_iter().map(|(_, pixel)| pixel).collect();
+        Ok(Errors::new(self.params.rays.method.info().name, shadow_errors(&pixels), []))
+    }
+
+    /// Every pixel that faces the light: dark in shadow, white elsewhere; red where a shadow is missed, blue where one is false.
+    fn compare_pixels(&self, judge: &Judge<'_>) -> Result<Option<PixelComparison>, JudgeError> {
+        let ends = self.photons.read(judge.gpu)?;
+        let [width, height] = self.view.size_px.to_array();
+        let mut exact = RgbImage::from_pixel(width, height, Rgb([190; 3]));
+        let mut error = exact.clone();
+        for (pixel, in_shadow) in self.compare(&ends, judge.scene, ends.len()) {
+            let [x, y] = [pixel as u32 % width, pixel as u32 / width];
+            exact.put_pixel(x, y, InShadow { found: in_shadow.exact, ..in_shadow }.color());
+            error.put_pixel(x, y, in_shadow.color());
+        }
+        Ok(Some(PixelComparison { exact, error }))
     }
 }
 
-/// Shares of the pixels that face the light, each found in shadow or not, and exactly so or not: wrong ones, and their two kinds.
-fn shadow_errors(pixels: &[(bool, bool)]) -> [(&'static str, f64, &'static str); 3] {
-    let rate = |is_so: fn(&(bool, bool)) -> bool| {
+/// Whether a pixel is in shadow, as it was found and by ray casting.
+#[derive(Clone, Copy)]
+struct InShadow {
+    found: bool,
+    exact: bool,
+}
+
+impl InShadow {
+    fn color(self) -> Rgb<u8> {
+        Rgb(match (self.found, self.exact) {
+            (true, true) => [110; 3],
+            (false, false) => [255; 3],
+            (false, true) => signed_color(1.0),
+            (true, false) => signed_color(-1.0),
+        })
+    }
+}
+
+/// Shares of the pixels that face the light: wrong ones, and their two kinds.
+fn shadow_errors(pixels: &[InShadow]) -> [(&'static str, f64, &'static str); 3] {
+    let rate = |is_so: fn(&InShadow) -> bool| {
         share(pixels.iter().filter(|pixel| is_so(pixel)).count(), pixels.len())
     };
     [
-        ("shadow_wrong_rate", rate(|(found, exact)| found != exact), "1"),
-        ("shadow_missed_rate", rate(|(found, exact)| *exact && !found), "1"),
-        ("shadow_false_rate", rate(|(found, exact)| *found && !exact), "1"),
+        ("shadow_wrong_rate", rate(|pixel| pixel.found != pixel.exact), "1"),
+        ("shadow_missed_rate", rate(|pixel| pixel.exact && !pixel.found), "1"),
+        ("shadow_false_rate", rate(|pixel| pixel.found && !pixel.exact), "1"),
     ]
 }
 
@@ -131,23 +165,23 @@ impl ShadowRays {
         end.has_landed() && f64::from(end.distance_m) < light_m(&self.view, end.entry())
     }
 
-    /// Of an even selection of pixels that face the light, whether each was found in shadow, and whether it is by ray casting.
-    fn compared(&self, found: &[Photon], scene: &Scene) -> Result<Vec<(bool, bool)>, JudgeError> {
+    /// An even selection of at most about so many of the pixels that face the light, each with its number.
+    fn compare(&self, ends: &[Photon], scene: &Scene, max_pixels: usize) -> Vec<(usize, InShadow)> {
         let tracer = Tracer::new(&objects_of(scene, Objects::Opaque));
         let view = &judged_view(&self.view, scene);
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
         let off_m = OFF_M * scene.solid_bounds().tank_scale();
         let sun = view.light_frame().forward;
-        let exact = exact_answers(found.len(), MAX_PIXELS, |pixel| {
+        let answers = exact_answers(ends.len(), max_pixels, |pixel| {
             let [x, y] = [pixel as u32 % width, pixel as u32 / width];
             let place = rays.cast(&tracer, x, y)?.0.position;
             let to_light = direction_to_light(view, sun, place);
             Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
         });
-        let faces = |pixel: usize| found[pixel].fate() != Fate::MissedWater;
-        let compared = exact.into_iter().filter(|(pixel, _)| faces(*pixel));
-        Ok(compared.map(|(pixel, exact)| (self.shadowed(&found[pixel]), exact)).collect())
+        let facing = answers.into_iter().filter(|(n, _)| ends[*n].fate() != Fate::MissedWater);
+        let pair = |(n, exact)| (n, InShadow { found: self.shadowed(&ends[n]), exact });
+        facing.map(pair).collect()
     }
 }
 
@@ -174,6 +208,7 @@ mod tests {
     #[test]
     fn both_kinds_of_wrong_pixels_are_told_apart() {
         let pairs = [(true, true), (true, false), (false, true), (false, true), (false, false)];
+        let pairs = pairs.map(|(found, exact)| InShadow { found, exact });
         assert_eq!(shadow_errors(&pairs).map(|(_, value, _)| value), [0.6, 0.4, 0.2]);
         assert_eq!(shadow_errors(&[]).map(|(_, value, _)| value), [0.0; 3]);
     }

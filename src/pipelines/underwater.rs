@@ -92,8 +92,8 @@ impl Pipeline for Underwater {
         let reflection = of_surface.push(lit(&lit_scene::REFLECTION)?);
         let refraction = of_surface.push(lit(&lit_scene::REFRACTION)?);
 
-        let seen = &gbuffer.depth;
-        let [caustics, godrays] = photon_grids(resources, shared, light, seen, params, &plan)?;
+        let depth = &gbuffer.depth;
+        let [caustics, godrays] = photon_grids(resources, shared, light, depth, params, &plan)?;
         let composed = ComposeInputs {
             picture: Picture::new(&gbuffer, params.compose.exposure, 0.0),
             caustics: caustics.texture(),

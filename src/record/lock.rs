@@ -91,9 +91,9 @@ mod tests {
         // Of a process that was killed.
         fs::write(folder.path().join(LOCK), format!("process 0 {}", "x".repeat(5_000))).unwrap();
         let first = FolderLock::take(folder.path()).unwrap();
-        let told = FolderLock::take(folder.path()).unwrap_err().to_string();
+        let message = FolderLock::take(folder.path()).unwrap_err().to_string();
         let me = format!("in use by process {} (`fathom ", std::process::id());
-        assert!(told.contains(&me) && told.contains("): wait until"), "{told}");
+        assert!(message.contains(&me) && message.contains("): wait until"), "{message}");
         drop(first);
         FolderLock::take(folder.path()).unwrap();
     }
@@ -104,11 +104,11 @@ mod tests {
         let folder = parent.path().join("new");
         drop(FolderLock::take(&folder).unwrap());
         assert!(!folder.exists());
-        let held = FolderLock::take(&folder).unwrap();
+        let lock = FolderLock::take(&folder).unwrap();
         fs::write(folder.join("kept"), "").unwrap();
-        drop(held);
+        drop(lock);
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "only the lock goes");
-        let told = FolderLock::take(&folder.join("kept")).unwrap_err().to_string();
-        assert!(told.starts_with("cannot write to "), "{told}");
+        let message = FolderLock::take(&folder.join("kept")).unwrap_err().to_string();
+        assert!(message.starts_with("cannot write to "), "{message}");
     }
 }

@@ -119,11 +119,11 @@ pub struct LockedFolder {
 impl LockedFolder {
     /// Takes a folder that holds nothing that was measured.
     pub fn lock_free(folder: &Path) -> Result<Self, OutputError> {
-        let taken = Self::take(folder)?;
-        if taken.output.is_occupied() {
+        let locked = Self::take(folder)?;
+        if locked.output.is_occupied() {
             return Err(OutputError::Occupied { path: folder.to_owned() });
         }
-        Ok(taken)
+        Ok(locked)
     }
 
     /// Takes the folder that is asked for, else one in [`default_folder`] that is named after this and the time.

@@ -72,8 +72,8 @@ fn a_torn_last_line_is_skipped_counted_and_cut_off_on_appending() {
     fs::write(&path, format!("{whole}\n{}", &whole[..whole.len() / 2])).unwrap();
     let reading = read(&path).unwrap();
     assert_eq!(reading.records, [skipped("a")]);
-    let told = reading.damaged.to_string();
-    assert!(told.starts_with("line 2: torn off while it was written"), "{told}");
+    let message = reading.damaged.to_string();
+    assert!(message.starts_with("line 2: torn off while it was written"), "{message}");
     append(&path, &skipped("b"));
     let both = RecordFile { records: vec![skipped("a"), skipped("b")], ..RecordFile::default() };
     assert_eq!(read(&path).unwrap(), both);
@@ -103,9 +103,9 @@ fn damaged_and_unknown_lines_are_counted_and_the_rest_is_read() {
     let reading = read(&path).unwrap();
     assert_eq!((reading.records.len(), reading.damaged.count()), (2, 6));
     let notice = reading.damaged.notice(Path::new("records.jsonl")).unwrap();
-    let told =
+    let message =
         "records.jsonl, line 2: not JSON: expected ident at line 1 column 2 (and 5 more): skipped";
-    assert_eq!(notice, told);
+    assert_eq!(notice, message);
     append(&path, &skipped("b"));
     assert_eq!(read(&path).unwrap().records.len(), 3);
 }

@@ -49,8 +49,9 @@ impl AnswerCache {
     ) -> T {
         let Some(folder) = &self.folder else { return compute() };
         let path = folder.join(content.digest() + ".json");
-        let kept = std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        kept.unwrap_or_else(|| {
+        let stored =
+            std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        stored.unwrap_or_else(|| {
             let answer = compute();
             let _ = write(folder, &path, &answer);
             answer

@@ -241,26 +241,26 @@ mod tests {
     #[test]
     fn a_level_floor_has_the_closed_form_in_every_pixel() {
         for fresnel in [false, true] {
-            let mut stand = fixture();
-            stand.water.fresnel = fresnel;
-            let map = stand.map(SIZE, 350);
-            let off = furthest(&map, stand.closed_form());
+            let mut setup = fixture();
+            setup.water.fresnel = fresnel;
+            let map = setup.map(SIZE, 350);
+            let off = furthest(&map, setup.closed_form());
             assert!(off < 0.05, "{off}");
-            assert!(furthest(&map, 0.92 * stand.closed_form()) > 0.05);
+            assert!(furthest(&map, 0.92 * setup.closed_form()) > 0.05);
         }
     }
 
     #[test]
     fn a_point_light_has_the_inverse_square_without_refraction() {
-        let mut stand = fixture();
-        stand.light.kind = LightKind::Point;
-        stand.light.position_m = [1.0, 5.0, -0.5];
-        (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
-        stand.light.half_extent_m = 9.0;
-        let irradiance = stand.map(SIZE, 300).irradiance();
-        let matrix = stand.camera.view_projection(ASPECT);
+        let mut setup = fixture();
+        setup.light.kind = LightKind::Point;
+        setup.light.position_m = [1.0, 5.0, -0.5];
+        (setup.water.refractive_index, setup.water.attenuation_per_m) = (1.0, 0.0);
+        setup.light.half_extent_m = 9.0;
+        let irradiance = setup.map(SIZE, 300).irradiance();
+        let matrix = setup.camera.view_projection(ASPECT);
         let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
-        let light = DVec3::from(stand.light.position_m);
+        let light = DVec3::from(setup.light.position_m);
         // Intensity × cos θ / r², and the same without the cosine.
         let furthest = |power: i32| {
             let off = pixels(SIZE).map(|(x, y)| {
@@ -268,7 +268,7 @@ mod tests {
                 let point = origin + direction * ((-DEPTH_M - origin.y) / direction.y);
                 let way = light - point;
                 let cosine = (way.y / way.length()).powi(power);
-                let exact = stand.light.intensity_w_sr * cosine / way.length_squared();
+                let exact = setup.light.intensity_w_sr * cosine / way.length_squared();
                 (irradiance.clamped(x.into(), y.into()) / exact - 1.0).abs()
             });
             off.fold(0.0, f64::max)
@@ -279,12 +279,12 @@ mod tests {
 
     #[test]
     fn halves_tell_the_noise_and_it_falls_with_photons() {
-        let mut stand = fixture();
-        stand.water = Water { half_size_m: [40.0; 2], ..Water::default() };
+        let mut setup = fixture();
+        setup.water = Water { half_size_m: [40.0; 2], ..Water::default() };
         let size = SIZE.map(|side| 2 * side);
-        let dense = stand.map(size, 500).irradiance();
+        let dense = setup.map(size, 500).irradiance();
         let [few, more] = [40, 160].map(|columns| {
-            let map = stand.map(size, columns);
+            let map = setup.map(size, columns);
             let pairs = map
                 .irradiance()
                 .data()
@@ -302,9 +302,9 @@ mod tests {
 
     #[test]
     fn the_flux_in_view_is_irradiance_times_area() {
-        let stand = fixture();
-        let map = stand.map(SIZE, 200);
-        let matrix = stand.camera.view_projection(ASPECT);
+        let setup = fixture();
+        let map = setup.map(SIZE, 200);
+        let matrix = setup.camera.view_projection(ASPECT);
         let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
         let on_floor = |x_px: u32, y_px: u32| {
             let (origin, direction, _) = rays.ray_at(f64::from(x_px), f64::from(y_px));
@@ -327,10 +327,10 @@ mod tests {
 
     #[test]
     fn what_is_hidden_or_lit_from_behind_gets_nothing() {
-        let mut stand = fixture();
+        let mut setup = fixture();
         // Seen from below: the floor's lit side is turned away.
-        stand.camera = Camera::new([0.5, -6.0, 1.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
-        assert_eq!(stand.map(SIZE, 100).irradiance().sum(), 0.0);
+        setup.camera = Camera::new([0.5, -6.0, 1.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
+        assert_eq!(setup.map(SIZE, 100).irradiance().sum(), 0.0);
         let mut hidden = self::fixture();
         let eye = hidden.camera.position() + hidden.camera.direction();
         hidden.objects.push(Object::new("lid", Mesh::parallelogram(eye, DVec3::Z, DVec3::X)));

@@ -134,14 +134,14 @@ pub enum Cover {
 /// The voxels of a rasterization along each of `axes` (0 x, 1 y, 2 z): a voxel for each pixel whose centre a triangle covers, at
 /// the triangle's depth there. VAO §4.1 and §4.2 take all three axes. `subpixels`: steps per pixel to which corners may be rounded.
 pub fn sampled(triangles: &[Corners], grid: &Grid, axes: &[usize], subpixels: u32) -> Vec<Cover> {
-    let mut found = vec![Cover::Never; grid.count() as usize];
+    let mut covers = vec![Cover::Never; grid.count() as usize];
     for corners in triangles {
         let corners = corners.map(|corner| grid.to_cells(corner));
         for &axis in axes {
-            sample(&corners, (axis, subpixels), grid, &mut found);
+            sample(&corners, (axis, subpixels), grid, &mut covers);
         }
     }
-    found
+    covers
 }
 
 /// Voxels on which a rasterization and what sampling says of it disagree.

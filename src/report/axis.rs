@@ -120,11 +120,14 @@ impl Scale {
                 .filter(|tick| (low..=high).contains(tick))
                 .collect()
         };
-        // The sparsest set of multiples that still gives three ticks.
+        // The sparsest set of multiples that still gives three ticks; in a narrow range those of a linear scale.
         let choices: [&[f64]; 4] =
             [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0]];
         let ticks = choices.into_iter().map(within).find(|ticks| ticks.len() >= 3);
-        let ticks = ticks.unwrap_or_else(|| within(&[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]));
+        let ticks = ticks.unwrap_or_else(|| {
+            let ticks = Scale::linear(10_f64.powf(low), 10_f64.powf(high)).ticks.into_iter();
+            ticks.map(f64::log10).filter(|tick| (low..=high).contains(tick)).collect()
+        });
         Scale { kind: ScaleKind::Log, low, high, ticks, names: Vec::new() }
     }
 
@@ -193,7 +196,7 @@ mod tests {
             (ScaleKind::Log, [100.0, 1e6], &["100", "1000", "10 k", "100 k", "1 M"][..]),
             (ScaleKind::Log, [2.0, 4.0], &["2", "3", "4"]),
             (ScaleKind::Log, [2000.0, 8200.0], &["2000", "3000", "4000", "6000", "8000"]),
-            (ScaleKind::Log, [4.8, 4.9], &["5"]),
+            (ScaleKind::Log, [4.8, 4.9], &["4.5", "5", "5.5"]),
             (ScaleKind::Linear, [0.05, 0.21], &["0", "0.05", "0.1", "0.15", "0.2"]),
             (ScaleKind::Linear, [0.0, 4e-6], &["0", "1e-6", "2e-6", "3e-6", "4e-6"]),
         ] {

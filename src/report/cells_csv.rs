@@ -273,9 +273,9 @@ mod tests {
         let text = exported(&records);
         let mut reader = csv::Reader::from_reader(&text[..]);
         let rows = reader.records().map(Result::unwrap);
-        let told = rows.filter(|row| row[row.len() - 1].contains('=')).count();
+        let named_rows = rows.filter(|row| row[row.len() - 1].contains('=')).count();
         let with_figures = view.measured().filter(|(_, measured)| !measured.figures().is_empty());
-        assert_eq!(told, with_figures.count());
+        assert_eq!(named_rows, with_figures.count());
     }
 
     #[test]

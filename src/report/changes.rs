@@ -322,8 +322,8 @@ fn machine_block(views: [&Report<'_>; 2], paths: [&Path; 2]) -> Vec<Block> {
     let [base_path, head_path] = paths.map(shown_file);
     let mut lead = vec![format!("{base_path}, started {from} → {head_path}, started {to}")];
     if rows.is_empty() {
-        let mut known = base.iter().filter_map(|(_, value)| value.as_deref());
-        lead.push(format!("as far as recorded the same: {}", known.join("; ")));
+        let mut values = base.iter().filter_map(|(_, value)| value.as_deref());
+        lead.push(format!("as far as recorded the same: {}", values.join("; ")));
     }
     block("Machine and program", lead, ["What", "Base", "Head"], rows)
 }

@@ -11,7 +11,7 @@ use fathom_base::statistics;
 use fathom_experiments as experiments;
 use fathom_experiments::defaults::{self, CellSettings, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
-use fathom_experiments::{ClaimOrigin, Measure, Ruling, Scaling, Verdict, groups, scaling};
+use fathom_experiments::{ClaimOrigin, Measure, Scaling, Verdict, groups, scaling};
 use fathom_record::{
     Cell, Estimate, Interval, Machine, Measured, Outcome, Part, Run, RunProgress, StageRecord,
 };
@@ -162,10 +162,11 @@ pub fn open_items(view: &Report<'_>) -> Vec<String> {
             cells.saturating_sub(reached)
         ));
     }
-    let left = view.entries().filter(|entry| entry.cell.outcome == Outcome::OverBudget).count();
-    if left > 0 {
+    let remaining =
+        view.entries().filter(|entry| entry.cell.outcome == Outcome::OverBudget).count();
+    if remaining > 0 {
         open.push(format!(
-            "{left} of {} cells were not run, as the time budget ended; `fathom run --resume` measures them.",
+            "{remaining} of {} cells were not run, as the time budget ended; `fathom run --resume` measures them.",
             view.entries().count()
         ));
     }
@@ -227,8 +228,10 @@ pub fn mixed(view: &Report<'_>) -> Option<String> {
         ["adapters", "builds", "profiles"].into_iter().zip(of).filter_map(|(kind, of)| {
             let runs = view.entries().filter_map(|entry| entry.run);
             let values: IndexSet<String> = runs.map(of).collect();
-            (values.len() > 1)
-                .then(|| format!("{} {kind} ({})", values.len(), values.iter().join("; ")))
+            let names =
+                Some(format!(" ({})", values.iter().join("; "))).filter(|_| values.len() < 4);
+            let count = values.len();
+            (count > 1).then(|| format!("{count} {kind}{}", names.unwrap_or_default()))
         });
     let several = several.collect::<Vec<_>>().join(", ");
     let words = format!("The cells are of {several}. Times may differ for this alone.");
@@ -312,36 +315,6 @@ pub fn growth<'v, 'a>(view: &'v Report<'a>) -> impl Iterator<Item = Exponent<'v,
     let times = exponents(view).into_iter();
     let times = times.filter(move |exponent| exponent.y.is_time() && grows(&exponent.fit));
     times.sorted_by(|a, b| b.fit.decades.total_cmp(&a.fit.decades))
-}
-
-/// The papers' claims in a sentence; own hypotheses where there are no others.
-pub fn claims_finding(view: &Report<'_>) -> Option<String> {
-    let (whose, counts) = tallies(view).next()?;
-    let [(_, supported), (_, contradicted), ..] = counts;
-    let all: usize = counts.iter().map(|(_, count)| count).sum();
-    let mut sentence = format!("{supported} of {all} {whose} are supported");
-    let contradict =
-        |ruling: &&Ruling| ruling.origin == whose && ruling.verdict == Verdict::Contradicted;
-    let figures = view.sections.iter().flat_map(|section| {
-        let rulings = section.rulings().iter().filter(contradict);
-        rulings.filter_map(move |ruling| Some((section.id, ruling, ruling.deciding.first()?)))
-    });
-    if let Some((id, ruling, figure)) = figures.min_by(|a, b| b.2.excess().total_cmp(&a.2.excess()))
-    {
-        sentence += &format!(
-            " and {contradicted} contradicted, the furthest of them “{}”{} ({id}): {} where {} is asked",
-            ruling.text,
-            ruling.mark(),
-            figure.text(),
-            figure.limits()
-        );
-    }
-    Some(sentence + ".")
-}
-
-/// `a factor of 16`
-pub fn factor_words((low, high): (f64, f64)) -> String {
-    format!("a factor of {}", format::si(high / low))
 }
 
 /// `41.2 % (39.1 – 43.0)`

@@ -1,9 +1,11 @@
 //! How noisy a run or a comparison was, in words.
 
+use itertools::Itertools;
+
 use super::document::Tone;
 use super::format::{percent, three, trim_zeros};
 use fathom_judge::noise::TimeNoise;
-use fathom_judge::run::{Advice, Drift, MeanLoad, Noise, RunVerdict};
+use fathom_judge::run::{BoundedFigure, Criterion, Drift, MeanLoad, Noise, RunVerdict};
 use fathom_judge::verdict::Verdicts;
 
 pub fn tone(verdict: &RunVerdict) -> Tone {
@@ -14,12 +16,43 @@ pub fn tone(verdict: &RunVerdict) -> Tone {
     }
 }
 
-/// `noisy run: 7 % of 223 cells reached ±2 %`
+/// `noisy run: frame times scatter by 8.42 % (bound 5 %); 7 % of 223 timed cells reached ±2 %`
 pub fn headline(verdict: &RunVerdict) -> String {
     let RunVerdict { noise, cells, precise, target, .. } = verdict;
     let share = (100.0 * *precise as f64 / *cells as f64).round();
-    let asked = three(100.0 * target);
-    format!("{noise} run: {share} % of {cells} cells reached ±{} %", trim_zeros(&asked))
+    let [.., scatter, _] = verdict.figures();
+    let is_scatter_known = *noise == Noise::Quiet && scatter.value.is_finite();
+    let figures = verdict.exceeded().chain(is_scatter_known.then_some(scatter));
+    let reached = format!("{share} % of {cells} timed cells reached ±{}", short_percent(*target));
+    let words = figures.map(|figure| bounded(&figure)).chain([reached]).join("; ");
+    format!("{noise} run: {words}")
+}
+
+fn bounded(BoundedFigure { criterion, value, bound }: &BoundedFigure) -> String {
+    let [value, bound] = [value.abs(), *bound].map(short_percent);
+    let [before, after, _] = words(*criterion);
+    format!("{before} {value}{after} (bound {bound})")
+}
+
+/// Before and behind a figure, and what would make the next run better.
+fn words(criterion: Criterion) -> [&'static str; 3] {
+    match criterion {
+        Criterion::OtherProcesses => {
+            ["other processes took", " of the cores", "close other programs"]
+        }
+        Criterion::Steal => {
+            let to_do = "use a machine that does not share its host with others";
+            ["steal time took", " of a core", to_do]
+        }
+        Criterion::Scatter => ["frame times scatter by", "", "use a quieter machine"],
+        Criterion::Drift => {
+            ["frame times drifted by", "", "do not compare times of early and late cells"]
+        }
+    }
+}
+
+fn short_percent(share: f64) -> String {
+    format!("{} %", trim_zeros(&three(100.0 * share)))
 }
 
 /// What it was measured by: `half width of the median cell 3.6 %, scatter of one frame's time 8.4 %, …`
@@ -49,24 +82,20 @@ pub fn drift(drift: &Drift) -> String {
     format!("{} % a minute{interval}", in_percent(drift.per_minute.median))
 }
 
-/// For the terminal and the summary: the headline, the figures, what would make the next run better.
+/// For the terminal: the headline, the figures, what would make the next run better.
 pub fn lines(verdict: &RunVerdict) -> Vec<String> {
-    let advice = verdict.advice().iter().map(advice).collect::<Vec<_>>().join("; ");
-    let advice = (!advice.is_empty()).then(|| format!("to do: {advice}"));
-    [headline(verdict), figures(verdict)].into_iter().chain(advice).collect()
+    [headline(verdict), figures(verdict)].into_iter().chain(to_do(verdict)).collect()
 }
 
-fn advice(advice: &Advice) -> String {
-    match advice {
-        Advice::CloseOthers => "close other programs".to_owned(),
-        Advice::UnsharedHost => "use a machine that does not share its host with others".to_owned(),
-        Advice::QuieterMachine => "use a quieter machine".to_owned(),
-        Advice::Drifted(change) => {
-            let change = three(100.0 * change.abs());
-            format!("do not compare times of early and late cells, which drifted by {change} %")
-        }
-        Advice::MoreSamples => "add samples: resume the run with --budget 10m".to_owned(),
-    }
+pub fn to_do(verdict: &RunVerdict) -> Option<String> {
+    // Others that use the machine explain a scatter.
+    let of_cause = |(place, figure): (usize, BoundedFigure)| {
+        (place == 0 || figure.criterion != Criterion::Scatter).then(|| words(figure.criterion)[2])
+    };
+    let causes = verdict.exceeded().enumerate().filter_map(of_cause);
+    let samples = "add samples: resume the run with --budget 10m";
+    let advice = causes.chain((!verdict.is_precise()).then_some(samples)).join("; ");
+    (!advice.is_empty()).then(|| format!("to do: {advice}"))
 }
 
 /// In one sentence, before any verdict; none where no times were to be judged.
@@ -84,4 +113,26 @@ pub fn describe_noise(verdicts: &Verdicts<'_>) -> Option<String> {
             in_percent(visible)
         ),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_verdict_names_the_figures_beyond_their_bounds_and_what_to_do() {
+        let (target, half_width, cells, precise) = (0.02, 0.03, 9, 3);
+        let load = Some(MeanLoad { others: 0.3, steal: 0.0, cores: 2 });
+        let (noise, scatter, drift) = (Noise::Noisy, 0.084, None);
+        let verdict =
+            RunVerdict { noise, target, cells, precise, half_width, scatter, load, drift };
+        let busy = "noisy run: other processes took 15 % of the cores (bound 10 %); ";
+        let scatter =
+            "frame times scatter by 8.4 % (bound 5 %); 33 % of 9 timed cells reached ±2 %";
+        assert_eq!(headline(&verdict), format!("{busy}{scatter}"));
+        assert!(to_do(&verdict).unwrap().starts_with("to do: close other programs; add samples"));
+        let verdict = RunVerdict { load: None, ..verdict };
+        assert_eq!(headline(&verdict), format!("noisy run: {scatter}"));
+        assert!(to_do(&verdict).unwrap().starts_with("to do: use a quieter machine; add"));
+    }
 }

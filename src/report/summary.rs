@@ -59,19 +59,19 @@ fn export(view: &Report<'_>) -> String {
 /// At most so many rows below each heading, or in all where there is one number. What is folded gets the rows that the tables before it leave.
 fn shortened(parts: Vec<Block>, most: &[usize], place: &Line) -> Vec<Block> {
     let mut limits = most.iter().copied();
-    let mut left = if most.len() == 1 { most[0] } else { 0 };
+    let mut remaining_rows = if most.len() == 1 { most[0] } else { 0 };
     let cut = |part: Block| match part {
         Block::Heading(_) => {
-            left = limits.next().unwrap_or(left);
+            remaining_rows = limits.next().unwrap_or(remaining_rows);
             vec![part]
         }
         Block::Table(table) => {
-            let (most, rows) = (left, table.rows.len());
-            left = left.saturating_sub(rows);
+            let (most, rows) = (remaining_rows, table.rows.len());
+            remaining_rows = remaining_rows.saturating_sub(rows);
             Block::Table(table).truncate(most, place)
         }
-        Block::Fold(words, folded) if left > 0 => {
-            let tables = folded.into_iter().flat_map(|part| part.truncate(left, place));
+        Block::Fold(words, folded) if remaining_rows > 0 => {
+            let tables = folded.into_iter().flat_map(|part| part.truncate(remaining_rows, place));
             std::iter::once(Block::Paragraph(words)).chain(tables).collect()
         }
         part => part.truncate(0, place),
@@ -130,7 +130,10 @@ mod tests {
         let tallies: Vec<String> =
             crate::facts::tallies(&view).map(|(whose, _)| whose.to_string()).collect();
         assert_eq!(lines.len(), 4 + tallies.len(), "{lines:?}");
-        assert!(lines[0].starts_with("quiet run: ") && lines[0].ends_with(" cells reached ±2 %"));
+        assert!(
+            lines[0].starts_with("quiet run: frame times scatter by ")
+                && lines[0].contains(" (bound 5 %); ")
+        );
         assert!(lines[1].contains("load and steal time not recorded"));
         assert!(lines[2].starts_with("to do: add samples"));
         for (line, whose) in lines[3..].iter().zip(&tallies) {

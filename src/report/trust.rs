@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use itertools::Itertools;
 
 use super::facts::share;
-use super::{Report, Section};
+use super::{Report, Section, noise};
 use fathom_base::statistics;
 use fathom_experiments::{CHANCE, Verdict, min_samples};
 use fathom_judge::clocks::{ClockTrust, clocks};
@@ -71,6 +71,7 @@ pub fn conditions(run: &Run) -> String {
 /// run is left out.
 pub fn facts(view: &Report<'_>) -> impl Iterator<Item = (&'static str, String)> {
     let all = [
+        ("noise", view.verdict.as_ref().map(noise::figures)),
         ("cells with few samples", few_samples(view)),
         ("cost of timing", timing_cost(view)),
         ("throttled by heat or power", throttled(view)),
@@ -228,14 +229,14 @@ mod tests {
     #[test]
     fn few_samples_are_counted() {
         let mut records = fixtures::run();
-        let told = few_samples(&Report::new(&records, None)).unwrap();
-        assert!(told.starts_with("every cell has at least 15 samples"), "{told}");
+        let words = few_samples(&Report::new(&records, None)).unwrap();
+        assert!(words.starts_with("every cell has at least 15 samples"), "{words}");
         let fewest = min_samples() - 1;
         let cells = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
         cells.take(2).for_each(|measured| measured.frame.untimed.n = fewest);
-        let told = few_samples(&Report::new(&records, None)).unwrap();
+        let words = few_samples(&Report::new(&records, None)).unwrap();
         let end = format!("the least is {fewest}");
-        assert!(told.starts_with("2 of ") && told.ends_with(&end), "{told}");
+        assert!(words.starts_with("2 of ") && words.ends_with(&end), "{words}");
     }
 
     #[test]

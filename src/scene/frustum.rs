@@ -45,18 +45,18 @@ fn planes(bounds: &Bounds) -> [DVec4; 6] {
 pub fn clip(polygon: Vec<DVec3>, planes: &[DVec4]) -> Vec<DVec3> {
     planes.iter().fold(polygon, |polygon, plane| {
         let height = |p: DVec3| plane.dot(p.extend(1.0));
-        let mut kept = Vec::with_capacity(polygon.len() + 1);
+        let mut clipped = Vec::with_capacity(polygon.len() + 1);
         for (i, &a) in polygon.iter().enumerate() {
             let b = polygon[(i + 1) % polygon.len()];
             let (ha, hb) = (height(a), height(b));
             if ha >= 0.0 {
-                kept.push(a);
+                clipped.push(a);
             }
             if (ha >= 0.0) != (hb >= 0.0) {
-                kept.push(a.lerp(b, ha / (ha - hb)));
+                clipped.push(a.lerp(b, ha / (ha - hb)));
             }
         }
-        kept
+        clipped
     })
 }
 

@@ -70,17 +70,17 @@ impl Light {
         let forward = (middle - position).try_normalize().unwrap_or(DVec3::NEG_Y);
         let view = view::look_to_mat4(position, forward, up_vector(forward));
         let reach = (middle - position).length();
-        let mut seen = visible_points(camera, aspect, bounds);
+        let mut points = visible_points(camera, aspect, bounds);
         let (kind, steepest) = (self.kind, water.steepest());
         let refraction = Refraction { kind, position, forward, water, steepest };
         let entries = refraction.entries((camera, aspect), bounds);
-        seen.extend(&entries);
-        if seen.is_empty() {
-            seen.extend(bounds.corners());
+        points.extend(&entries);
+        if points.is_empty() {
+            points.extend(bounds.corners());
         }
         let (projection, rectangle) = match self.kind {
-            LightKind::Directional => self.orthographic(&view, &seen, bounds),
-            LightKind::Point => self.pyramid(&view, &seen, bounds, reach),
+            LightKind::Directional => self.orthographic(&view, &points, bounds),
+            LightKind::Point => self.pyramid(&view, &points, bounds, reach),
         };
         let view_projection = projection * view;
         let inverse = view_projection.inverse();

@@ -192,13 +192,13 @@ impl Scene {
         let invalid = |message: String| SceneError::Invalid { scene: file.name.clone(), message };
         file.validate().map_err(invalid)?;
         let mut stand_ins = Vec::new();
-        let mut left = MAX_TRIANGLES;
+        let mut remaining = MAX_TRIANGLES;
         let mut objects = Vec::new();
         for object in &file.objects {
             let built = object
-                .build(file, left, &mut stand_ins)
+                .build(file, remaining, &mut stand_ins)
                 .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))?;
-            left -= built.iter().map(|object| object.mesh.triangle_count()).sum::<usize>();
+            remaining -= built.iter().map(|object| object.mesh.triangle_count()).sum::<usize>();
             objects.extend(built);
         }
         let volume = file.volume.as_ref().map(|v| v.build(file, &mut stand_ins)).transpose();

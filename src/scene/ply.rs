@@ -174,12 +174,13 @@ impl LineReader {
         if count < 3 {
             return Err(self.fault(format!("a face of {count} corners")));
         }
-        let left = self.remaining.checked_sub(count - 2);
-        let left = left.ok_or_else(|| self.fault(read::too_many_triangles(self.triangles)))?;
+        let remaining = self.remaining.checked_sub(count - 2);
+        let remaining =
+            remaining.ok_or_else(|| self.fault(read::too_many_triangles(self.triangles)))?;
         let corners = (0..count).map(|_| self.number_in::<u32>(&mut words));
         let mut corners: Vec<u32> = corners.collect::<Result<_, _>>()?;
         polygon::rotate_to_first(&mut corners);
-        self.remaining = left;
+        self.remaining = remaining;
         Ok(corners)
     }
 

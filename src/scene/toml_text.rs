@@ -105,9 +105,9 @@ fn remove_objects(table: &mut Table, without: &[String]) -> Result<(), String> {
         return Ok(());
     };
     let name_of = |v: &Value| v.get("name").and_then(Value::as_str).unwrap_or("").to_owned();
-    let known: Vec<String> = objects.iter().map(name_of).collect();
-    if let Some(unknown) = without.iter().find(|name| !known.contains(name)) {
-        let hint = check::hint(unknown, known.iter().map(String::as_str));
+    let names: Vec<String> = objects.iter().map(name_of).collect();
+    if let Some(unknown) = without.iter().find(|name| !names.contains(name)) {
+        let hint = check::hint(unknown, names.iter().map(String::as_str));
         return Err(format!("`without`: the base has no object `{unknown}`: {hint}"));
     }
     objects.retain(|object| !without.contains(&name_of(object)));

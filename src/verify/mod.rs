@@ -263,9 +263,9 @@ fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(FinishedCase<'_>)) -
     for (number, case) in (1..).zip(cases) {
         let begin = Instant::now();
         let rig = Rig::new(gpu, case.stage);
-        let mut found = Ok(Vec::new());
+        let mut results = Ok(Vec::new());
         let ran = gpu.catch(|| {
-            found = (case.run)(&rig);
+            results = (case.run)(&rig);
             Ok(())
         });
         if let Some(reason) = rig.exceeded_limit(&gpu.limits) {
@@ -273,7 +273,7 @@ fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(FinishedCase<'_>)) -
             verified.skipped.push(SkippedCase { stage, what, reason });
         } else {
             ran?;
-            verified.checks.extend(found?);
+            verified.checks.extend(results?);
         }
         each(FinishedCase { case, number, total: cases.len(), took: begin.elapsed() });
     }

@@ -113,9 +113,9 @@ pub trait Ends {
     /// Its error, with which it must end, and with no answer.
     #[track_caller]
     fn refused(&mut self, reason: &str) -> String {
-        let told = self.ends(2);
-        assert_eq!(told.out, "", "{reason}");
-        told.error(reason).to_owned()
+        let output = self.ends(2);
+        assert_eq!(output.out, "", "{reason}");
+        output.error(reason).to_owned()
     }
 }
 

@@ -105,8 +105,8 @@ const BROKEN: &str = "no number";
 fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build() {
     let times = [USUAL, USUAL, BROKEN, USUAL, USUAL, SLOWER, SLOWER, SLOWER, SLOWER];
     let history = Commits::new(&times);
-    let told = history.bisect("--good HEAD~8").ends(0);
-    let found: Value = serde_json::from_str(&told.out).unwrap();
+    let output = history.bisect("--good HEAD~8").ends(0);
+    let found: Value = serde_json::from_str(&output.out).unwrap();
     let answer = &found["answer"];
     assert_eq!(found["count"], 8);
     let commit = answer["first"].as_str().unwrap();
@@ -116,10 +116,10 @@ fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build()
     assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{answer}");
     // The same again from its folder, which asks for no build.
     let again = history.bisect("--good HEAD~8 --resume").ends(0);
-    let told_first = told.out;
+    let told_first = output.out;
     assert_eq!(again.out, told_first);
-    let told = history.bisect("--good HEAD~8 --batch 8 --resume").ends(2);
-    holds(&told.err, &["was begun with other settings: ", "`batch` was 4 and is now 8"]);
+    let output = history.bisect("--good HEAD~8 --batch 8 --resume").ends(2);
+    holds(&output.err, &["was begun with other settings: ", "`batch` was 4 and is now 8"]);
     let taken = history.bisect("--good HEAD~8").ends(2);
     assert!(taken.err.contains("--resume"), "{}", taken.err);
 }
@@ -129,8 +129,8 @@ fn equal_ends_leave_nothing_to_find() {
     let history = Commits::new(&[USUAL, USUAL]);
     let found = history.bisect("--good HEAD~1").ends(1).json();
     assert!(found["answer"].is_null() && found["ends"] == "no regression", "{found}");
-    let told = Commits::new(&[USUAL, BROKEN]).bisect("--good HEAD~1").ends(2);
-    assert!(told.err.contains("does not build"), "{}", told.err);
+    let output = Commits::new(&[USUAL, BROKEN]).bisect("--good HEAD~1").ends(2);
+    assert!(output.err.contains("does not build"), "{}", output.err);
     assert_eq!(history.bisect("--good HEAD --bad HEAD~1").output().unwrap().status.code(), Some(2));
 }
 
@@ -176,8 +176,8 @@ fn a_cell_that_became_less_accurate_is_searched_by_bisection() {
     let words = "bisect --good HEAD~8 --gates exact --cells-file cells.toml --out out";
     let mut command = history.0.fathom(words);
     command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]);
-    let told = command.ends(0).out;
-    holds(&told, &["first revision: ", "Change 5 ", "an_error", "8 revisions, 4 launches"]);
+    let output = command.ends(0).out;
+    holds(&output, &["first revision: ", "Change 5 ", "an_error", "8 revisions, 4 launches"]);
 }
 
 #[test]
@@ -216,8 +216,8 @@ fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
         history
     };
     let compare = "compare --base HEAD~1 --head-bin ./head --cells-file cells.toml --gates time --launches 10 --pairs 2 --out out";
-    let told = build("").0.fathom(compare).ends(0);
-    holds(&told.out, &["the base build does not say of which commit it was built"]);
+    let output = build("").0.fathom(compare).ends(0);
+    holds(&output.out, &["the base build does not say of which commit it was built"]);
     let other = build(r#""build":{"commit":"0123","dirty":true},"#);
     let reason = "the base build: it was built of 0123 with changed files and not of ";
     other.0.fathom(compare).ends(2).error(reason);
@@ -238,9 +238,9 @@ fn what_keeps_git_from_a_revision_is_told_in_its_words() {
         for words in ["compare --base", "bisect --good", "history add a --branch b --commit"] {
             let mut command = history.0.fathom(format!("{words} HEAD~1"));
             command.env("GIT_CONFIG_GLOBAL", "/dev/null").env(name, value);
-            let told = command.current_dir(history.0.path(folder)).refused(reason);
+            let output = command.current_dir(history.0.path(folder)).refused(reason);
             let is_shallow = folder == "clone" && !words.starts_with("history");
-            assert_eq!(told.contains("the clone is shallow: "), is_shallow, "{told}");
+            assert_eq!(output.contains("the clone is shallow: "), is_shallow, "{output}");
         }
     }
 }

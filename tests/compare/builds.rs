@@ -98,8 +98,8 @@ impl Builds {
     /// What the builds print and store; the comparison must end with this status.
     #[track_caller]
     fn compare(&self, status: i32) -> (String, Comparison) {
-        let told = self.command("").ends(status);
-        (told.out, self.stored())
+        let output = self.command("").ends(status);
+        (output.out, self.stored())
     }
 }
 
@@ -115,9 +115,9 @@ fn equal_builds_execute_equally_many_instructions() {
     let (place, name) = (Place::new(), "alpha voxel/alpha");
     let mut compare = place.fathom("compare --gates instructions --out out --cells");
     compare.arg(name).args(["--base-bin", env!("CARGO_BIN_EXE_fathom")]);
-    let told = compare.env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
-    let skipped = told.out.contains("instructions gate skipped");
-    assert!(!skipped, "`scripts/setup.sh` installs valgrind: {}", told.out);
+    let output = compare.env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
+    let skipped = output.out.contains("instructions gate skipped");
+    assert!(!skipped, "`scripts/setup.sh` installs valgrind: {}", output.out);
     holds(&place.read("page.md"), &["no regression"]);
     let comparison = Comparison::read(&place.path("out")).unwrap();
     let ratio = fathom::judge::counts::judge(&comparison)[&cell(name)].ratio;
@@ -257,8 +257,8 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
         command.env_remove("MARK").env_remove("MESA_SHADER_CACHE_DIR").args(options);
         command
     };
-    let told = given(&["--base-env", "MARK=of base"]).answer();
-    holds(told.lines().next().unwrap(), &["(0) with MARK → "]);
+    let output = given(&["--base-env", "MARK=of base"]).answer();
+    holds(output.lines().next().unwrap(), &["(0) with MARK → "]);
     let log = builds.0.read("log");
     let count = |line: &str| log.lines().filter(|found| *found == line).count();
     // Survey, first look of the time gate and ten launches; two of the base's workers more in each launch for the control.
@@ -272,7 +272,7 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
         assert!(!String::from_utf8_lossy(&written).contains("of base"), "{name}");
     }
     assert!(stored.header.head.environment.is_empty() && stored.header.base_adapter.is_none());
-    assert_eq!(builds.0.fathom("compare --replay out").answer(), told);
+    assert_eq!(builds.0.fathom("compare --replay out").answer(), output);
     given(&["--base-env", "MARK=another", "--resume"]).refused("base.environment.values_digest");
     given(&["--base-env", "MARK=of base", "--resume"]).ends(0);
 }
@@ -285,13 +285,13 @@ fn sides_on_different_adapters_are_told_only_where_they_were_given_different_thi
         Script { hello, ns: if name == "slow" { 300 } else { 200 }, ..Script::default() }
     };
     let builds = Builds::new(&named(""), &named("slow"));
-    let told = builds.command("--base-env NAME=one --head-env NAME=two --env-values").ends(4).out;
+    let output = builds.command("--base-env NAME=one --head-env NAME=two --env-values").ends(4).out;
     holds(
-        &told,
+        &output,
         &["times not judged; 4 cells: 4 not judged", "+50.0 % (50.0 … 50.0), different adapters"],
     );
-    assert_eq!(told.lines().nth(1), Some("one → two"));
-    assert!(told.lines().next().unwrap().ends_with(" with NAME=two"), "{told}");
+    assert_eq!(output.lines().nth(1), Some("one → two"));
+    assert!(output.lines().next().unwrap().ends_with(" with NAME=two"), "{output}");
 
     let hello = hello(1, "\"time\"").replace("\"toy\"", "\"another\"");
     let builds = Builds::new(&Script::default(), &Script { hello, ..Script::default() });
@@ -311,17 +311,17 @@ fn files_of_records_are_judged_by_what_is_exact() {
         records.iter_mut().for_each(change);
         write_records(&place.path(name), &records);
         let files = format!("base/records.jsonl {name}/records.jsonl");
-        let told = place.fathom(format!("compare {files}")).ends(status);
-        told.out + &told.err
+        let output = place.fathom(format!("compare {files}")).ends(status);
+        output.out + &output.err
     };
     let of_cell = |change: fn(&mut Measured)| {
         move |record: &mut Record| {
             record.try_as_cell_mut().and_then(|cell| cell.measured_mut()).map(change);
         }
     };
-    let told = compare("same", 4, &|_| ());
+    let output = compare("same", 4, &|_| ());
     let first = "times not judged (status 4): exact figures of 1 cell: same; times of 1 cell not judged: two runs share no pairs";
-    assert!(told.lines().take(2).any(|line| line == first), "{told}");
+    assert!(output.lines().take(2).any(|line| line == first), "{output}");
     let exact = "compare base/records.jsonl same/records.jsonl --gates exact";
     holds(&place.fathom(exact).ends(0).out, &["no regression (status 0): exact figures"]);
 

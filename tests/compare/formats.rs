@@ -119,8 +119,8 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
         ("junit", "junit.xml"),
         ("github-action-benchmark", "benchmark.json"),
     ] {
-        let told = place.fathom(format!("compare --format {format} --replay stored")).ends(1);
-        assert_eq!(told.out, before[file], "{format}");
+        let output = place.fathom(format!("compare --format {format} --replay stored")).ends(1);
+        assert_eq!(output.out, before[file], "{format}");
         fs::remove_file(place.path("stored").join(file)).unwrap();
     }
     // A job's page gets the Markdown of a fresh comparison only.

@@ -52,9 +52,9 @@ fn compare(step: &str, way: &str, seed: u64) -> (Place, CommandOutput, i32) {
     let mut limited = by_shell(&format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\""), &compare);
     let output = limited.env("MALLOC_ARENA_MAX", "1").output().unwrap();
     let status = output.status.code().unwrap_or(-1);
-    let told = CommandOutput::check(output, status);
-    assert!((0..=4).contains(&status), "{step} {way} {seed}: {}", told.err);
-    for line in told.out.lines().chain(told.err.lines()) {
+    let result = CommandOutput::check(output, status);
+    assert!((0..=4).contains(&status), "{step} {way} {seed}: {}", result.err);
+    for line in result.out.lines().chain(result.err.lines()) {
         let is_short = line.chars().count() <= LONGEST;
         assert!(is_short && !line.contains(char::is_control), "{step} {way} {seed}: {line:.1000}");
     }
@@ -64,9 +64,9 @@ fn compare(step: &str, way: &str, seed: u64) -> (Place, CommandOutput, i32) {
     // What is stored is read again by the other test.
     if way == "garbled" && place.path("out").exists() {
         let again = place.fathom("compare --replay out").ends(status);
-        assert_eq!(again.out, told.out, "{step} {way} {seed}");
+        assert_eq!(again.out, result.out, "{step} {way} {seed}");
     }
-    (place, told, status)
+    (place, result, status)
 }
 
 #[test]

@@ -75,8 +75,8 @@ impl Project {
     fn git(&self, folder: &str, words: &str) {
         let mut git = Command::new("git");
         git.args(["-c", "user.name=t", "-c", "user.email=t@t", "-c", "commit.gpgsign=false"]);
-        let told = git.args(words.split(' ')).current_dir(self.place.path(folder)).ends(0);
-        drop(told);
+        let output = git.args(words.split(' ')).current_dir(self.place.path(folder)).ends(0);
+        drop(output);
     }
 
     fn commit(&self, folder: &str) {

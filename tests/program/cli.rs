@@ -98,10 +98,10 @@ fn every_command_tells_a_stand_in_and_a_query_refuses_it() {
         ("render sponza -o x.png --pipeline voxelize --set view.width=16", ""),
         (&format!("{query} --allow-stand-ins --set ao.rays=4"), "x,y,z,nx,ny,nz,occlusion"),
     ] {
-        let told = with(words).ends(0);
-        let stand_ins = told.err.matches("stand-in: sponza: asset has the wrong SHA-256");
-        assert_eq!(stand_ins.count(), 1, "{words}: {}", told.err);
-        holds(&told.out, &[answer]);
+        let output = with(words).ends(0);
+        let stand_ins = output.err.matches("stand-in: sponza: asset has the wrong SHA-256");
+        assert_eq!(stand_ins.count(), 1, "{words}: {}", output.err);
+        holds(&output.out, &[answer]);
     }
 }
 
@@ -146,17 +146,17 @@ fn shells_and_readers_are_told_what_there_is() {
 
 #[test]
 fn checks_and_the_audit_answer_in_json_and_notes_can_be_turned_off() {
-    let told = fathom("verify voxel/clear --json").ends(0);
-    let answer = told.json();
+    let output = fathom("verify voxel/clear --json").ends(0);
+    let answer = output.json();
     assert_eq!(answer["all_sound"], true);
     assert_eq!(answer["checks"][0]["stage"], "voxel/clear");
-    holds(&told.err, &["1 of "]);
+    holds(&output.err, &["1 of "]);
     let quiet = fathom("verify voxel/clear --json --quiet").ends(0);
     assert_eq!((quiet.json(), quiet.err.contains("1 of ")), (answer, false));
     fathom("render tnk --quiet").refused("did you mean `tank`");
-    let told = fathom("audit --json").envs(private::variables(private::NOWHERE)).ends(0);
-    assert!(!told.out.contains(private::MARK), "{}", told.out);
-    let audit = told.json();
+    let output = fathom("audit --json").envs(private::variables(private::NOWHERE)).ends(0);
+    assert!(!output.out.contains(private::MARK), "{}", output.out);
+    let audit = output.json();
     for pass in ["render", "compute", "copy"] {
         assert!(audit["clocks"][pass].is_string(), "{audit}");
     }
@@ -179,8 +179,8 @@ fn a_listing_takes_the_options_that_apply_to_it() {
 
 #[test]
 fn a_doctor_without_an_adapter_says_what_to_install() {
-    let told = fathom("doctor").env("WGPU_BACKEND", "dx12").ends(2);
-    holds(&told.out, &["fault", "apt-get install libvulkan1 mesa-vulkan-drivers"]);
+    let output = fathom("doctor").env("WGPU_BACKEND", "dx12").ends(2);
+    holds(&output.out, &["fault", "apt-get install libvulkan1 mesa-vulkan-drivers"]);
 }
 
 #[test]
@@ -201,8 +201,8 @@ fn run(place: &Place, options: &str) -> Command {
 fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     let place = Place::new();
     let out = &place.path("out");
-    let told = run(&place, "").answer();
-    holds(&told, &["1 cells measured", "slowest stage of each pipeline: ", "summary.md"]);
+    let output = run(&place, "").answer();
+    holds(&output, &["1 cells measured", "slowest stage of each pipeline: ", "summary.md"]);
     let first = cells(out);
     let all = records(out);
     let [Record::Run(_), Record::Experiment(_), .., Record::End(end)] = &all[..] else {
@@ -237,8 +237,8 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
 #[test]
 fn a_cell_beyond_the_limits_is_skipped_and_recorded() {
     let place = Place::new();
-    let told = run(&place, "--set view.width=900000").ends(2);
-    holds(told.error("every cell was skipped"), &["900000"]);
+    let output = run(&place, "--set view.width=900000").ends(2);
+    holds(output.error("every cell was skipped"), &["900000"]);
     let cell = cells(&place.path("out")).remove(0);
     let Outcome::Skipped { reason } = cell.outcome else { panic!("{:?}", cell.outcome) };
     holds(&reason, &["900000"]);

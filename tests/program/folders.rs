@@ -49,12 +49,12 @@ fn one_of_two(place: &Place, options: &str) -> String {
     holds(&run(place, options).refused(&in_use), &[", since 20"]);
     signal("-INT", first.id());
     signal("-CONT", first.id());
-    let told = CommandOutput::check(first.wait_with_output().unwrap(), 130);
+    let output = CommandOutput::check(first.wait_with_output().unwrap(), 130);
     assert!(
         matches!(records(&place.path("out")).last(), Some(Record::End(end)) if end.interrupted)
     );
     run(place, &format!("--resume {AT_ONCE}")).ends(0);
-    told.err
+    output.err
 }
 
 #[test]
@@ -184,8 +184,8 @@ fn a_cell_in_which_two_processes_ended_is_failed_named_and_passed_over() {
     let second = measured.find(|cell| cell.cell.ends_with("=0.1")).unwrap();
     let left = [Record::Run(header.clone()), Record::Begun(Begun::new(header, second))];
     write_records(&place.path("out"), &[left.clone(), left].concat());
-    let told = place.fathom(format!("{run} --out out --resume")).ends(1);
-    holds(&told.err, &["water.amplitude_m=0.1: failed: two processes ended while they built it"]);
+    let output = place.fathom(format!("{run} --out out --resume")).ends(1);
+    holds(&output.err, &["water.amplitude_m=0.1: failed: two processes ended while they built it"]);
     let cells = cells(&place.path("out"));
     let failed = |cell: &&Cell| matches!(&cell.outcome, Outcome::Failed { .. });
     assert_eq!((cells.len(), cells.iter().filter(failed).count()), (2, 1), "{cells:?}");

@@ -9,9 +9,9 @@ fn one_cell_of_a_pipeline_tells_what_it_costs_the_cpu() {
     let run = "run uw-waves --budget 10m --precision 1 --no-ceilings --out run";
     place.fathom(format!("{run} {axes} {SMALL}")).ends(0);
     let cells = cells(&place.path("run"));
-    let told = cells.iter().filter_map(|cell| cell.measured().filter(|it| it.host.is_some()));
-    let told: Vec<_> = told.collect();
-    let [measured] = &told[..] else { panic!("{} of {} cells", told.len(), cells.len()) };
+    let timed = cells.iter().filter_map(|cell| cell.measured().filter(|it| it.host.is_some()));
+    let timed: Vec<_> = timed.collect();
+    let [measured] = &timed[..] else { panic!("{} of {} cells", timed.len(), cells.len()) };
     let host = measured.host.as_ref().unwrap();
     let names: Vec<&str> = measured.stages.iter().map(|stage| stage.stage.as_str()).collect();
     let encoded: Vec<&str> = host.stages.iter().map(|stage| stage.stage.as_str()).collect();

@@ -94,12 +94,12 @@ fn reports_show_hostile_names_as_text() {
     let place = Place::new();
     place.write(format!("a/b/{PICTURE}"), "");
     place.write("a/b/records.jsonl", records());
-    let told = place.fathom("report a/b").ends(0);
-    plain("the terminal", &format!("{}{}", told.out, told.err));
+    let output = place.fathom("report a/b").ends(0);
+    plain("the terminal", &format!("{}{}", output.out, output.err));
     // The records whose ids are none.
     let refused =
         format!("must be lower-case letters, digits and `-` (and {} more)", HOSTILE.len());
-    assert_eq!(told.err.matches(&refused).count(), 1, "{}", told.err);
+    assert_eq!(output.err.matches(&refused).count(), 1, "{}", output.err);
     assert_eq!(names(&place.path("")), ["a"]);
     assert_eq!(names(&place.path("a")), ["b"]);
     let files = ["cells.csv", "index.html", "own.svg", "records.jsonl", "renders", "summary.md"];

@@ -36,13 +36,13 @@ fn two_runs_stand_beside_each_other_under_names_that_tell_them_apart() {
     assert!(!both.contains("Not shown"));
     holds(&both, &[">What changed</h2>", "two versions of the driver: "]);
     // Without a page the same is printed.
-    let told = place.fathom("report one two").answer();
-    let [noise, headline] = [0, 1].map(|line| told.lines().nth(line).unwrap());
-    assert!(noise.contains(": base ") && noise.contains("between the runs; a change"), "{told}");
+    let output = place.fathom("report one two").answer();
+    let [noise, headline] = [0, 1].map(|line| output.lines().nth(line).unwrap());
+    assert!(noise.contains(": base ") && noise.contains("between the runs; a change"), "{output}");
     let headed =
         headline.starts_with("exact figures of 11 cells: same; times of 11 cells not judged");
-    assert!(headed, "{told}");
-    holds(&told, &["\ntwo versions of the driver: ", "one/records.jsonl, started 2026-"]);
+    assert!(headed, "{output}");
+    holds(&output, &["\ntwo versions of the driver: ", "one/records.jsonl, started 2026-"]);
     let rows = both.matches("<tr data-experiment=\"uw-photons\"");
     assert_eq!(rows.count(), 22, "11 cells of each run");
     assert_eq!(both, page(&place, "one two"), "the same records give the same bytes");

@@ -34,8 +34,8 @@ fn recorded() -> Place {
 #[test]
 fn an_answer_on_a_full_disk_is_an_error_and_a_reader_that_has_had_enough_is_none() {
     for words in ["list stages", "--help", "verify voxel/clear"] {
-        let told = fathom(words).stdout(full()).ends(2);
-        let error = told.error("cannot write to standard output: ");
+        let output = fathom(words).stdout(full()).ends(2);
+        let error = output.error("cannot write to standard output: ");
         assert!(error.starts_with("error: cannot write to standard output: "), "{error}");
         // And where that cannot be told either.
         fathom(words).stdout(full()).stderr(full()).ends(2);

@@ -64,10 +64,10 @@ fn nothing_that_is_written_tells_paths_names_or_variables() {
         let words = words.replace("HERE", &here).replace("SMALL", SMALL).replace("=MARK", MARK);
         let mut command = place.fathom(words);
         command.current_dir(told.parent().unwrap()).envs(variables(&here));
-        let told = command.ends(status.parse().unwrap());
+        let output = command.ends(status.parse().unwrap());
         // What is printed as JSON is passed on like a file.
         if line.ends_with("--json") {
-            place.write(format!("{MARK}/told/{number}.json"), told.out);
+            place.write(format!("{MARK}/told/{number}.json"), output.out);
         }
     }
     let marked = files(&home).into_iter().filter(|path| !own.contains(path)).filter(|path| {

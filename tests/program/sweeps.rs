@@ -11,7 +11,7 @@ fn a_sweep_over_a_mesh_prints_tables_and_leaves_its_experiment() {
     let sizes = "--set view.width=40 --set view.height=30 --set shadow.size=64 --set ao.rays=4 --camera 10,40";
     let sweep =
         format!("sweep volume_ao --scene {mesh} --axis voxel.resolution=8,16,32 --precision 1");
-    let told = place.fathom(format!("{sweep} {sizes} --budget 10m --out out")).answer();
+    let output = place.fathom(format!("{sweep} {sizes} --budget 10m --out out")).answer();
     let expected = [
         "times over voxels along the longest side",
         "growth over voxels along the longest side",
@@ -19,11 +19,11 @@ fn a_sweep_over_a_mesh_prints_tables_and_leaves_its_experiment() {
         "More than 50 % of the frame",
         "3 cells measured, 0 skipped, 0 failed",
     ];
-    holds(&told, &expected);
-    assert!(!told.contains("NaN"), "{told}");
+    holds(&output, &expected);
+    assert!(!output.contains("NaN"), "{output}");
     let cells = cells(&place.path("out"));
     let mut errors = cells.iter().flat_map(|cell| &measured(cell).errors);
-    assert!(errors.all(|error| error.value.is_finite()), "{told}");
+    assert!(errors.all(|error| error.value.is_finite()), "{output}");
     let page = place.read("out/index.html");
     holds(&page, &["id=\"sizes\"", "growth over voxels"]);
     assert!(!page.contains("href=\"#claims\""), "there is no such section");

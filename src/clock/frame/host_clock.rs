@@ -94,7 +94,7 @@ mod tests {
         let program = std::env::current_exe().unwrap();
         let mut child = std::process::Command::new(program);
         let output = child.args(["--exact", CHILD, "--ignored"]).output().unwrap();
-        let told = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success() && told.contains("1 passed"), "{told}");
+        let stdout = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && stdout.contains("1 passed"), "{stdout}");
     }
 }

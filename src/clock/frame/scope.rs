@@ -232,9 +232,9 @@ fn order<S: TimedStage + ?Sized>(stages: &[&S]) -> Vec<(usize, u32)> {
     let mut order = Vec::new();
     let mut first = 0;
     for group in stages.chunk_by(|a, b| a.iterations() == b.iterations()) {
-        let turns = group[0].iterations();
+        let iterations = group[0].iterations();
         let all = first..first + group.len();
-        order.extend((0..turns).flat_map(|turn| all.clone().map(move |stage| (stage, turn))));
+        order.extend((0..iterations).flat_map(|turn| all.clone().map(move |stage| (stage, turn))));
         first += group.len();
     }
     order

@@ -71,17 +71,17 @@ impl FrameClock {
     /// # Errors
     /// The folder holds records already, another process writes to it, or it cannot be written to.
     pub fn write(&self, folder: &Path) -> Result<(), ClockError> {
-        let taken = LockedFolder::lock_free(folder).map_err(|error| match error {
+        let locked = LockedFolder::lock_free(folder).map_err(|error| match error {
             OutputError::Occupied { path } => ClockError::Occupied { path },
             other => other.into(),
         })?;
-        let mut held = taken.open(FolderKind::Run)?;
+        let mut folder_lock = locked.open(FolderKind::Run)?;
         let cells = self.cells.iter().map(|cell| Record::Cell(Box::new(cell.clone())));
         let records = std::iter::once(Record::Run(Box::new(self.run())))
             .chain(cells)
             .chain([Record::End(self.end())])
             .collect_vec();
-        Ok(held.writer.write_all(&records).map_err(OutputError::from)?)
+        Ok(folder_lock.writer.write_all(&records).map_err(OutputError::from)?)
     }
 
     fn run(&self) -> Run {

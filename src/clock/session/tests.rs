@@ -95,7 +95,7 @@ fn a_submission_that_hangs_loses_the_device_and_nothing_waits_for_it_again() {
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     (0..100).for_each(|_| encoder.copy_buffer_to_buffer(&from, 0, &to, 0, LARGE));
     let index = gpu.queue.submit([encoder.finish()]);
-    let told = gpu.wait_for(Some(index)).unwrap_err().to_string();
-    assert_eq!(told, "the GPU device was lost: a submission did not end within 0.000000001 s");
+    let message = gpu.wait_for(Some(index)).unwrap_err().to_string();
+    assert_eq!(message, "the GPU device was lost: a submission did not end within 0.000000001 s");
     assert!(matches!(gpu.catch(|| Ok::<_, DeviceError>(())), Err(DeviceError::Lost(_))));
 }

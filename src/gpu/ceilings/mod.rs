@@ -68,10 +68,11 @@ pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuE
     let kernel = kernel_of(gpu, limit)?;
     let mut bench = TestBench::new(gpu, plan, &kernel)?;
     let most = kernel.max_turns / 2;
-    let turns = bench.calibrate(most)?;
-    let (turns, ceiling) = retry_until_sound(turns, most, |turns| bench.ceiling(limit, turns))?;
+    let iterations = bench.calibrate(most)?;
+    let (iterations, ceiling) =
+        retry_until_sound(iterations, most, |iterations| bench.ceiling(limit, iterations))?;
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
-    kernel.check(gpu, 2 * turns)?.map_err(wrong)?;
+    kernel.check(gpu, 2 * iterations)?.map_err(wrong)?;
     Ok(ceiling)
 }
 
@@ -157,17 +158,17 @@ impl<'a> TestBench<'a> {
         const STEPS: usize = 24;
         const LARGEST_STEP: f64 = 16.0;
         let goal_ns = if self.gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
-        let mut turns = 1;
+        let mut iterations = 1;
         // The first frame compiles, and touches fresh memory.
-        self.time_ns(turns)?;
+        self.time_ns(iterations)?;
         for _ in 0..STEPS {
-            let short_by = (goal_ns / self.time_ns(turns)?.max(0.0)).min(LARGEST_STEP);
-            if short_by < 1.5 || turns >= most {
+            let short_by = (goal_ns / self.time_ns(iterations)?.max(0.0)).min(LARGEST_STEP);
+            if short_by < 1.5 || iterations >= most {
                 break;
             }
-            turns = ((f64::from(turns) * short_by).ceil() as u32).min(most).max(1);
+            iterations = ((f64::from(iterations) * short_by).ceil() as u32).min(most).max(1);
         }
-        Ok(turns)
+        Ok(iterations)
     }
 
     fn ceiling(&mut self, limit: Limit, turns: u32) -> Result<Ceiling, GpuError> {

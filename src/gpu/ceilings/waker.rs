@@ -41,8 +41,8 @@ impl Waker {
             self.iterations = REPEATED * bench.calibrate(most)?;
         }
         let start = Instant::now();
-        let turns = self.iterations;
-        self.until_fast(|| Ok((bench.time_ns(turns)?, start.elapsed().as_secs_f64())))
+        let iterations = self.iterations;
+        self.until_fast(|| Ok((bench.time_ns(iterations)?, start.elapsed().as_secs_f64())))
     }
 
     /// `reading` gives the kernel's time in ns, and the seconds since the first was begun.

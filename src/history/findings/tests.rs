@@ -56,8 +56,8 @@ fn few_of_the_sure_changes_are_false() {
     let (mut sure, mut wrong) = (0, 0);
     for seed in 0..20 {
         let findings = HistoryChanges::find(&history(seed, 200, 10, 0.02));
-        let told = findings.changes.iter().filter(|change| change.is_sure());
-        for change in told {
+        let sure_changes = findings.changes.iter().filter(|change| change.is_sure());
+        for change in sure_changes {
             sure += 1;
             wrong += usize::from(change.series >= 10);
         }

@@ -64,8 +64,8 @@ fn files_without_a_common_cell_are_told_with_their_counts_and_what_differs() {
         (cell("y=2", 5, whole()), ""),
     ] {
         let head = [run("a"), left(), head];
-        let told = compared(&base, &head).unwrap_err().to_string();
-        assert!(told.ends_with(&format!("{of_both}{reason}")), "{told}");
+        let message = compared(&base, &head).unwrap_err().to_string();
+        assert!(message.ends_with(&format!("{of_both}{reason}")), "{message}");
     }
 }
 

@@ -112,13 +112,13 @@ fn points_behind_glass_are_judged_and_glass_is_not() {
 fn moving_geometry_is_judged_where_it_is() {
     let scene = Rc::new(Scene::load("ball").unwrap());
     let spun = Animation { deform: Deform::Wave, time_s: 1.0, ..Animation::default() };
-    let mut known = GeometryCache::default();
+    let mut cache = GeometryCache::default();
     let at = |tracer: &Tracer| {
         let eye = DVec3::from(scene.camera.position_m);
         let ball = scene.objects[1].mesh.bounds().center();
         tracer.cast(eye, (ball - eye).normalize(), 0.0, 100.0).unwrap().distance_m
     };
-    let rest = at(&known.tracer(&scene, &Animation::default()));
-    let moved = at(&known.tracer(&scene, &spun));
+    let rest = at(&cache.tracer(&scene, &Animation::default()));
+    let moved = at(&cache.tracer(&scene, &spun));
     assert!((rest - moved).abs() > 0.01, "{rest} {moved}");
 }

@@ -108,8 +108,8 @@ impl Params {
 impl Parameters for Params {
     fn check_consistent(&self) -> Result<(), ParamError> {
         if self.sprites.max_hits > 1 && (self.specular.follow || self.shafts.draw) {
-            let told = "sprites.max_hits above 1 lets photons end nowhere: specular.follow and shafts.draw must be false";
-            return Err(ParamError::Unfit(told.to_owned()));
+            let message = "sprites.max_hits above 1 lets photons end nowhere: specular.follow and shafts.draw must be false";
+            return Err(ParamError::Unfit(message.to_owned()));
         }
         self.rays.fits(
             self.transfer.photons(),

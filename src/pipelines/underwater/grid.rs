@@ -98,10 +98,10 @@ impl GridSettings {
             )));
         }
         // Those chosen are few.
-        let turns = self.subdivision * self.estimator.min_iterations(self.iterations.max(8));
-        if turns > MAX_ITERATIONS {
+        let iterations = self.subdivision * self.estimator.min_iterations(self.iterations.max(8));
+        if iterations > MAX_ITERATIONS {
             return Err(ParamError::Unfit(format!(
-                "{name}.subdivision × {name}.iterations is too much for one invocation: {turns} turns of loops, and lavapipe ends \
+                "{name}.subdivision × {name}.iterations is too much for one invocation: {iterations} turns of loops, and lavapipe ends \
                  an invocation after {MAX_ITERATIONS}"
             )));
         }

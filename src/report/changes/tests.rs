@@ -136,13 +136,13 @@ fn no_stage_is_called_slower_where_a_run_is_noisy() {
 #[test]
 fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_does() {
     let [base, head] = changed_runs();
-    let told = changes(base, head).into_text();
+    let text = changes(base, head).into_text();
     // Each block from its title on. What scatters between runs also settles some claims that were open.
-    let lines: Vec<&str> = told.lines().collect();
+    let lines: Vec<&str> = text.lines().collect();
     let holds = |title: &str, line: usize, words: &[&str]| {
-        let block = lines.iter().position(|line| line.starts_with(title)).expect(&told);
+        let block = lines.iter().position(|line| line.starts_with(title)).expect(&text);
         let found = lines[block + line];
-        assert!(words.iter().all(|word| found.contains(word)), "{words:?} in {found}: {told}");
+        assert!(words.iter().all(|word| found.contains(word)), "{words:?} in {found}: {text}");
     };
     holds("exact figures of", 0, &["1 worse", "not judged: two runs share no pairs"]);
     holds("exact figures of", 2, &["two versions of the driver", "Mesa 22.3.6 →", "Mesa 23.0.0"]);
@@ -150,8 +150,8 @@ fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_doe
     holds("Times", 1, &["the median stage takes 1.40 times as long", "the machine's state"]);
     holds("Times", 2, &["default frame (uw-default base): ", " ms, × 1.39 ("]);
     holds("Times", 6, &["caustics/trace slower", "88 of 88 cells", "× 1.3"]);
-    let times = told.split("\nTimes\n").nth(1).unwrap().split("\nErrors").next().unwrap();
-    assert_eq!(times.matches(" slower ").count() + times.matches(" faster ").count(), 1, "{told}");
+    let times = text.split("\nTimes\n").nth(1).unwrap().split("\nErrors").next().unwrap();
+    assert_eq!(times.matches(" slower ").count() + times.matches(" faster ").count(), 1, "{text}");
     holds("Errors", 1, &["in some cell another value of 1 figure"]);
     let error = "irradiance_error 0.100 → 0.200 (+100 %)";
     holds("Errors", 4, &["worse", error, "uw-default:base caustics/filter"]);
@@ -167,16 +167,16 @@ fn a_change_in_one_cell_is_found_where_the_stage_as_a_whole_did_not_change() {
     let stage = measured.stages.iter_mut().find(|stage| stage.stage == "compose").unwrap();
     stage.samples_ns.iter_mut().for_each(|ns| *ns *= 3.0);
     stage.time = estimate(&stage.samples_ns);
-    let told = changes(fixtures::run(), head).into_text();
-    let line = told.lines().find(|line| line.contains("compose slower")).expect(&told);
+    let text = changes(fixtures::run(), head).into_text();
+    let line = text.lines().find(|line| line.contains("compose slower")).expect(&text);
     assert!(line.contains(" 1 of ") && line.contains("uw-default base: "), "{line}");
 }
 
 #[test]
 fn equal_runs_have_no_change_and_few_stages_none_either() {
-    let told = changes(fixtures::run(), fixtures::run()).into_text();
-    assert!(told.contains("Claims\n0 of ") && !told.contains("slower"), "{told}");
-    assert!(told.contains("the median stage takes 1.00 times as long"), "{told}");
+    let text = changes(fixtures::run(), fixtures::run()).into_text();
+    assert!(text.contains("Claims\n0 of ") && !text.contains("slower"), "{text}");
+    assert!(text.contains("the median stage takes 1.00 times as long"), "{text}");
     let few = |records: Vec<Record>| {
         let keep = |record: &Record| match record {
             Record::Cell(cell) => cell.experiment == "vao-guard",
@@ -184,8 +184,8 @@ fn equal_runs_have_no_change_and_few_stages_none_either() {
         };
         records.into_iter().filter(keep).collect::<Vec<_>>()
     };
-    let told = changes(few(fixtures::run()), few(again(|_| 1.0))).into_text();
-    assert!(told.contains("too few to judge"), "{told}");
+    let text = changes(few(fixtures::run()), few(again(|_| 1.0))).into_text();
+    assert!(text.contains("too few to judge"), "{text}");
 }
 
 #[test]
@@ -196,11 +196,11 @@ fn what_is_not_measured_in_the_same_way_is_told_and_not_compared() {
     cells[1].outcome = Outcome::Failed { reason: "device lost".to_owned() };
     let stages = &mut cells[2].measured_mut().unwrap().stages;
     stages.iter_mut().for_each(|stage| stage.clock = Clock::ProcessCpu);
-    let told = changes(fixtures::run(), head).into_text();
-    let line = |words: &str| told.lines().find(|line| line.contains(words)).expect(&told);
+    let text = changes(fixtures::run(), head).into_text();
+    let line = |words: &str| text.lines().find(|line| line.contains(words)).expect(&text);
     assert!(line("no longer measured").contains("(device lost)"));
     assert!(line("measured in another way").contains(&format!("scene {scene} → elsewhere")));
-    assert!(line("not compared: another clock").contains("(13 not compared"), "{told}");
+    assert!(line("not compared: another clock").contains("(13 not compared"), "{text}");
 }
 
 #[test]
@@ -222,7 +222,7 @@ fn no_comparison_takes_more_than_sixty_lines() {
         }
     }
     base[0].try_as_run_mut().unwrap().adapter.host_threads = 99;
-    let told = changes(base, head).into_text();
-    assert!(told.lines().count() <= 60, "{told}");
-    assert!(told.contains("… and "), "{told}");
+    let text = changes(base, head).into_text();
+    assert!(text.lines().count() <= 60, "{text}");
+    assert!(text.contains("… and "), "{text}");
 }

@@ -13,8 +13,8 @@ use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
 use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
 use fathom_record::Cell;
 
-/// Series that one chart can hold.
-const MAX_TOGETHER: usize = 5;
+/// Series that one chart can hold: as many as the palette has colours.
+const MAX_TOGETHER: usize = 6;
 /// Height of a chart with its axis.
 const HEIGHT_PX: u32 = 350;
 const SMALL_HEIGHT_PX: u32 = 320;
@@ -47,10 +47,15 @@ impl LineCharts {
         let charts = parts.chunk_by(|a, b| chart_of(a) == chart_of(b));
         let charts = charts.filter_map(|parts| chart(plot, parts, together, input));
         let mut charts: Vec<PointChart> = charts.collect();
-        if plot.kind == PlotKind::Scaling {
+        if plot.kind == PlotKind::Scaling || plot.y.len() == 1 {
             share_scales(&mut charts)?;
         }
         (!charts.is_empty()).then_some(LineCharts { charts })
+    }
+
+    /// The only chart.
+    pub fn into_single(self) -> Option<PointChart> {
+        self.charts.into_iter().exactly_one().ok()
     }
 
     /// Charts side by side: as many as the names of their series have room for.
@@ -100,8 +105,9 @@ impl Panel for LineCharts {
 /// The same scales for all charts, so that they can be compared; none where a scale cannot be made.
 fn share_scales(charts: &mut [PointChart]) -> Option<()> {
     let all = || charts.iter().flat_map(|chart| &chart.series);
-    let x = Scale::fit(ScaleKind::Log, all().flat_map(Series::xs))?;
-    let y = Scale::fit(ScaleKind::Log, all().flat_map(Series::ys))?;
+    let kind = charts.first()?.x.kind;
+    let x = Scale::fit(kind, all().flat_map(Series::xs))?;
+    let y = Scale::fit(kind, all().flat_map(Series::ys))?;
     for chart in charts {
         (chart.x, chart.y) = (x.clone(), y.clone());
     }

@@ -39,6 +39,8 @@ pub const EXPORTER: RunExporter = Exporter {
 };
 
 const WIDTH_PX: u32 = 980;
+/// A plot at a glance.
+const SMALL_PX: (u32, u32) = (540, 220);
 /// Title of the picture, and of each panel.
 const TITLE_PX: u32 = 36;
 const HEADING_PX: u32 = 32;
@@ -126,11 +128,13 @@ impl Figure {
     }
 }
 
-/// One plot of an experiment alone.
-pub fn one_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
+/// A scaling plot of an experiment alone, without words around it; none where its series need more room.
+pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
     let input = PlotInput::new(section)?.select(plot);
-    let panel = TitledPanel::new(plot, &input, section).ok()?;
-    Some(picture(section, &names::common(&input), &[panel]))
+    let chart = LineCharts::new(plot, &input)?.into_single()?;
+    let about = format!("{}: {}", section.id, plot.title);
+    let svg = || drawing(SMALL_PX, &about, |area| chart.draw_with_names(area));
+    (chart.ends_px() <= SMALL_PX.1).then(svg)
 }
 
 pub fn file_name(section: &Section<'_>) -> String {
@@ -360,19 +364,33 @@ mod tests {
         svg.matches("opacity=\"0.8\"").count()
     }
 
-    #[test]
-    fn categories_are_never_joined() {
+    /// [`CATEGORIES`] with these words.
+    fn drawn(kind: &str, over: &str, values: &str) -> String {
         // A logarithm shows no zero.
         let above_zero = |records: &mut Vec<Record>| {
             let Record::Cell(cell) = &mut records[2] else { panic!() };
             let quantities = &mut cell.measured_mut().unwrap().quantities;
             quantities.insert("caustics_photon_error_p99_m".to_owned(), 0.5);
         };
-        let drawn = |kind: &str, over: &str, values: &str| {
-            let text = CATEGORIES.replace("KIND", kind).replace("OVER", over);
-            let records = records_of(&text.replace("VALUES", values), above_zero);
-            svgs(&records).remove("own.svg").unwrap()
-        };
+        let text = CATEGORIES.replace("KIND", kind).replace("OVER", over);
+        let records = records_of(&text.replace("VALUES", values), above_zero);
+        svgs(&records).remove("own.svg").unwrap()
+    }
+
+    #[test]
+    fn groups_of_one_measure_share_their_axes() {
+        let groups = "\n[[sweep.axis]]\nname = \"godrays.grid\"\nvalues = ";
+        let all = [1, 2, 3, 4, 5, 6, 7];
+        for (several, charts) in [(6, 1), (7, 7)] {
+            let values = format!("[10, 20, 40]{groups}{:?}", &all[..several]);
+            let svg = drawn("lines", "caustics.grid", &values);
+            assert_eq!(svg.matches("linear scale").count(), charts);
+            assert_eq!(svg.matches("\n15\n").count(), charts);
+        }
+    }
+
+    #[test]
+    fn categories_are_never_joined() {
         for kind in ["lines", "scaling"] {
             assert_eq!(joins(&drawn(kind, "caustics.grid", "[10, 20, 40]")), 2, "{kind}");
             let scenes = drawn(kind, "scene", r#"["tank", "port", "storage"]"#);

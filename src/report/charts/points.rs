@@ -107,6 +107,12 @@ impl PointChart {
         Ok(())
     }
 
+    /// Height that the names at the ends of its series and the axis below need.
+    pub fn ends_px(&self) -> u32 {
+        let lines = self.series.iter().map(|series| series.lines().len() as i32 * ROW_PX + 4);
+        (lines.sum::<i32>() + 60) as u32
+    }
+
     /// One of several charts, with its title and the names of its series above.
     pub fn draw_small(&self, area: &Area<'_>, head_px: u32) -> DrawResult {
         area.draw_text(&self.title, &style::label(), (16, 2))?;
@@ -181,8 +187,8 @@ impl Series {
     fn lines(&self) -> Vec<String> {
         let fitting = style::max_characters(MAX_NAMES_PX);
         let parts = std::iter::once(&self.name).chain(&self.remarks);
-        let told = parts.filter(|part| !part.is_empty());
-        told.flat_map(|part| style::wrap(part, fitting)).collect()
+        let filled_parts = parts.filter(|part| !part.is_empty());
+        filled_parts.flat_map(|part| style::wrap(part, fitting)).collect()
     }
 
     pub fn xs(&self) -> impl Iterator<Item = f64> {

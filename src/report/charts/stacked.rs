@@ -3,7 +3,7 @@
 use plotters::prelude::RGBColor;
 
 use super::chart::{BarChart, Item, Legend, Mark};
-use super::{Panel, PlotInput, WIDTH_PX, drawing, names, style};
+use super::{Panel, PlotInput, drawing, names, style};
 use crate::axis::Scale;
 use crate::colors::StageColors;
 use crate::facts::{self, StageShare};
@@ -14,6 +14,9 @@ use fathom_experiments::schema::Published;
 use fathom_record::{Cell, Estimate, Measured};
 
 const BAR_PX: u32 = 34;
+/// Of a picture of shares: its width, and a bar's height.
+const SHARES_WIDTH_PX: u32 = 880;
+const SHARE_BAR_PX: u32 = 23;
 /// A stage that has less of every cell's frame is drawn among the others.
 const MIN_SHARE: f64 = 0.01;
 
@@ -28,7 +31,7 @@ struct Bar {
 }
 
 /// Pixels of a bar of 100 % at least: labels take the rest.
-const SHARES_PX: f64 = 560.0;
+const SHARES_PX: f64 = 480.0;
 
 /// Frames in per cent of their stages, each under its label.
 pub fn shares(rows: &[(String, Vec<StageShare<'_>>)], colors: &StageColors) -> String {
@@ -60,13 +63,13 @@ pub fn shares(rows: &[(String, Vec<StageShare<'_>>)], colors: &StageColors) -> S
             [0.0, 100.0],
             [0.0, 25.0, 50.0, 75.0, 100.0].map(|at| (at, format!("{at}"))),
         ),
-        rows_px: rows.len() as u32 * BAR_PX,
+        rows_px: rows.len() as u32 * SHARE_BAR_PX,
         rows: rows.len() as f64,
         right_px: 20,
         legend: Legend::default(),
         items,
     };
-    let size_px = (WIDTH_PX, chart.height_px());
+    let size_px = (SHARES_WIDTH_PX, chart.height_px());
     drawing(size_px, "Stages of a frame of each pipeline", |area| chart.draw(area))
 }
 

@@ -38,12 +38,12 @@ pub fn export(verdicts: &Verdicts<'_>) -> String {
     }
     let mut whole = TestSuite::new("fathom compare: configurations");
     for difference in verdicts.configurations.iter().filter(|other| other.worse) {
-        let told = rows::difference(difference);
+        let message = rows::difference(difference);
         let what = match difference.kind {
             FigureKind::Error => CellVerdict::LessAccurate,
             _ => CellVerdict::Costlier,
         };
-        let status = failed(NonSuccessKind::Failure, what, &told);
+        let status = failed(NonSuccessKind::Failure, what, &message);
         let class = match &difference.scope {
             DifferenceScope::Configuration(id) => id,
             DifferenceScope::Stage(stage) => stage,
@@ -77,17 +77,17 @@ fn skipped(message: &str) -> TestCaseStatus {
 
 fn cell_status(cell: &JudgedCell) -> TestCaseStatus {
     let row = rows::cell(cell);
-    let told = rows::HEADER.iter().zip(&row).skip(2);
-    let told = told.filter(|(_, value)| !value.is_empty() && *value != rows::NONE);
-    let told = told.map(|(name, value)| format!("{name}: {value}")).join("; ");
+    let message = rows::HEADER.iter().zip(&row).skip(2);
+    let message = message.filter(|(_, value)| !value.is_empty() && *value != rows::NONE);
+    let message = message.map(|(name, value)| format!("{name}: {value}")).join("; ");
     match cell.verdict {
         verdict @ (CellVerdict::Failed | CellVerdict::NotMeasured) => {
-            failed(NonSuccessKind::Error, verdict, &told)
+            failed(NonSuccessKind::Error, verdict, &message)
         }
         CellVerdict::New | CellVerdict::Inconclusive | CellVerdict::NotJudged => {
-            skipped(&format!("{}: {told}", cell.verdict))
+            skipped(&format!("{}: {message}", cell.verdict))
         }
-        verdict if verdict.is_regression() => failed(NonSuccessKind::Failure, verdict, &told),
+        verdict if verdict.is_regression() => failed(NonSuccessKind::Failure, verdict, &message),
         _ => TestCaseStatus::success(),
     }
 }

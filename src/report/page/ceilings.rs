@@ -19,7 +19,7 @@ pub const SECTION: PageSection = PageSection {
 };
 
 fn parts(page: &Page<'_>) -> Vec<Block> {
-    let lead = "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small \
+    let lead = "Each stage's best share of the adapter's limit. A stage at 100 % can only become faster by doing less work. A small \
                 share means that something else limits the stage, such as arithmetic, latency or work that it does not declare.";
     page.each_run(lead, |run| if are_measured(run.view) { shares(run.view) } else { Vec::new() })
 }

@@ -72,6 +72,7 @@ struct CellRow<'a> {
     at: Option<[usize; 2]>,
 }
 
+/// Timed cells first.
 fn rows<'a>(page: &'a Page<'a>) -> Vec<CellRow<'a>> {
     let mut rows = Vec::new();
     for (place, run) in page.runs.iter().enumerate() {
@@ -84,6 +85,8 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<CellRow<'a>> {
             }));
         }
     }
+    let is_timed = |row: &CellRow<'_>| row.entry.cell.measured().is_some_and(Measured::is_timed);
+    rows.sort_by_key(|row| !is_timed(row));
     rows
 }
 
@@ -224,8 +227,8 @@ mod tests {
             ("fathom sweep hsao --scene a.toml", "fathom run out/sweep.toml --cell "),
             ("fathom run", "fathom run own --cell "),
         ] {
-            let told = again(&cell, line);
-            assert!(told.starts_with(expected), "{line}: {told}");
+            let line_again = again(&cell, line);
+            assert!(line_again.starts_with(expected), "{line}: {line_again}");
         }
     }
 }

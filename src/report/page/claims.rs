@@ -139,12 +139,12 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<RuledClaim<'a>> {
 fn fields(page: &Page<'_>, row: &RuledClaim<'_>) -> Vec<[Line; 6]> {
     let (claim, ends) = (row.claim, ends(row));
     let of_run = |(index, (place, ruling)): (usize, &(usize, &Ruling))| {
-        let mut told = Line::default();
+        let mut sentence = Line::default();
         if index == 0 {
-            told = Line::from(claim.text.as_str()).and(" ").and(row.section.span());
+            sentence = Line::from(claim.text.as_str()).and(" ").and(row.section.span());
         }
         if page.is_overlay() {
-            told = told.and(Span::Faint(format!(" {}", page.runs[*place].label)));
+            sentence = sentence.and(Span::Faint(format!(" {}", page.runs[*place].label)));
         }
         let reason = Block::paragraph(ruling.reason.as_str());
         let why = [Some(reason), comparisons(ruling), Some(grounds(claim, ruling))];
@@ -160,7 +160,7 @@ fn fields(page: &Page<'_>, row: &RuledClaim<'_>) -> Vec<[Line; 6]> {
         };
         [
             verdict_mark(ruling).into(),
-            told.and(Span::Drawn(document::html(&[why]))),
+            sentence.and(Span::Drawn(document::html(&[why]))),
             measured,
             drawn,
             asked,

@@ -20,8 +20,9 @@ const NS_PER_US: f64 = 1e3;
 /// The latest cell of each pipeline that has such figures.
 fn costs<'a>(run: &PageRun<'a>) -> Vec<(&'a Cell, &'a HostCosts)> {
     let cells = run.view.sections.iter().flat_map(|section| section.cells());
-    let told = cells.filter_map(|cell| Some((cell, cell.measured()?.host.as_ref()?)));
-    told.sorted_by_key(|(cell, _)| cell.pipeline.as_str())
+    let timed = cells.filter_map(|cell| Some((cell, cell.measured()?.host.as_ref()?)));
+    timed
+        .sorted_by_key(|(cell, _)| cell.pipeline.as_str())
         .dedup_by(|a, b| a.0.pipeline == b.0.pipeline)
         .collect()
 }

@@ -26,7 +26,7 @@ pub const SECTION: PageSection = PageSection {
 /// Lines of a card that has one for each stage, axis or pipeline.
 const MAX_LINES: usize = 5;
 const MAX_PIPELINES: usize = 10;
-const MOST_PLOTS: usize = 2;
+const MAX_PLOTS: usize = 2;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     if page.runs.is_empty() && page.left_out.is_empty() {
@@ -41,16 +41,14 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
-    let [trust, others @ ..] = cards(run.view);
+    let cards = cards(run.view);
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
         (document::html(&caveats(run.view)))
-        (card(&trust, &html! {}))
-        div.glance {
-            @if !page.is_overlay() { div.drawings { (drawings(page, run.view)) } }
-            div.cards {
-                @for other in others.iter().filter(|card| !card.parts.is_empty()) {
-                    (card(other, &if other.section == "claims" { claim_marks(run.view) } else { html! {} }))
+        div.cards {
+            @for card in &cards {
+                @if let Some(content) = content(page, run.view, card) {
+                    article.card { h3 { a href={ "#" (card.section) } { (card.question) } } (content) }
                 }
             }
         }
@@ -60,10 +58,17 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     }
 }
 
-fn card(Card { section, question, parts }: &Card, below: &Markup) -> Markup {
-    html! {
-        article.card { h3 { a href={ "#" (section) } { (question) } } (document::html(parts)) (below) }
-    }
+/// A drawing where there is one of a single run, else words.
+fn content(page: &Page<'_>, view: &Report<'_>, card: &Card) -> Option<Markup> {
+    let bars = || Some(html! { div.scroll { (PreEscaped(super::time::bars(page)?)) } });
+    let drawing = match card.section {
+        "time" if !page.is_overlay() => bars(),
+        "scaling" if !page.is_overlay() => scaling_plots(view),
+        _ => None,
+    };
+    let words = (!card.parts.is_empty()).then(|| document::html(&card.parts));
+    let marks = (card.section == "claims").then(|| claim_marks(view));
+    drawing.or_else(|| Some(html! { (words?) @if let Some(marks) = marks { (marks) } }))
 }
 
 /// A mark for each claim of the papers, which leads to its experiment.
@@ -82,13 +87,21 @@ fn claim_marks(view: &Report<'_>) -> Markup {
     }
 }
 
-/// The stages of each pipeline, and the plots of the exponents over the widest ranges, those of one group of cells first.
-fn drawings(page: &Page<'_>, view: &Report<'_>) -> Markup {
+/// The plots of the exponents over the widest ranges, those of one group of cells first.
+fn scaling_plots(view: &Report<'_>) -> Option<Markup> {
     let alone = facts::growth(view).sorted_by_key(|exponent| !exponent.group.is_empty());
     let grown = alone.unique_by(|exponent| exponent.section.id);
-    let plots = grown.filter_map(|one| charts::one_plot(one.section, one.plot));
-    let drawn = super::time::bars(page).into_iter().chain(plots.take(MOST_PLOTS));
-    html! { @for svg in drawn { div.scroll { (PreEscaped(svg)) } } }
+    let plots =
+        grown.filter_map(|one| Some((one.section, charts::small_plot(one.section, one.plot)?)));
+    let plots = plots.take(MAX_PLOTS).collect_vec();
+    let all = html! {
+        div.plots {
+            @for (section, svg) in &plots {
+                div.scroll { a.source href={ "#plot-" (section.id) } { (section.id) } (PreEscaped(svg)) }
+            }
+        }
+    };
+    (!plots.is_empty()).then_some(all)
 }
 
 fn open(word: &str, words: &str) -> Block {
@@ -131,7 +144,7 @@ pub fn cards(view: &Report<'_>) -> [Card; 5] {
             "Where does the time go?",
             list("The slowest stage of each pipeline:", "No stage was timed.", slowest(view)),
         ),
-        card("scaling", "How does it scale?", growth(view)),
+        card("scaling", "How does it scale?", Vec::new()),
         card(
             if are_measured(view) { "ceilings" } else { "trust" },
             "How near to the limits?",
@@ -161,24 +174,24 @@ fn list(above: &str, none: &str, lines: Vec<String>) -> Vec<Block> {
 fn how_far(view: &Report<'_>) -> Vec<Block> {
     let verdict = view.verdict.as_ref();
     let tone = verdict.map_or(Tone::Neutral, noise::tone);
-    let lines = verdict.into_iter().flat_map(noise::lines).enumerate().map(|(index, line)| {
-        if index == 0 { Span::Chip(tone, line).into() } else { Line::from(line) }
-    });
+    let headline = verdict.map(|verdict| Span::Chip(tone, noise::headline(verdict)).into());
+    let to_do = verdict.and_then(noise::to_do).map(Line::from);
     let clocks = trust::worst(view).map(|run| trust::verdict(run).into());
-    lines.chain(clocks).map(Block::Paragraph).collect()
+    headline.into_iter().chain(to_do).chain(clocks).map(Block::Paragraph).collect()
 }
 
 fn verdicts(view: &Report<'_>) -> Vec<Block> {
     let tallies = tallies(view).map(|(whose, tally)| {
         Block::Paragraph(Line::from(Span::Bold(whose.to_string())).and(format!(": {tally}")))
     });
-    tallies.chain(facts::claims_finding(view).map(Block::paragraph)).collect()
+    tallies.collect()
 }
 
 /// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96; 30 (our bound)`
 fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
     facts::tallies(view).map(|(whose, counts)| {
-        let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
+        let some = counts.iter().filter(|(_, count)| *count > 0);
+        let each = some.map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
         let all: usize = counts.iter().map(|(_, count)| count).sum();
         let rulings = view.sections.iter().flat_map(Section::rulings);
         let marks = rulings.filter(|ruling| ruling.origin == whose).map(Ruling::mark).counts();
@@ -196,16 +209,6 @@ fn slowest(view: &Report<'_>) -> Vec<String> {
         format!("{}: {} {share}, {ms} ms", frame.cell.pipeline, stage.stage.stage)
     };
     facts::slowest_stages(view).take(MAX_PIPELINES).map(line).collect()
-}
-
-fn growth(view: &Report<'_>) -> Vec<Block> {
-    let exponents = facts::growth(view).unique_by(|one| one.y_title()).take(MAX_LINES);
-    let lines = exponents.map(|exponent| {
-        let over = facts::factor_words(exponent.fit.range);
-        let [y, x] = [exponent.y_title(), exponent.x_title()];
-        format!("{y} {} with {x}, over {over}", exponent.text())
-    });
-    list("Exponents over the widest ranges:", "No exponent was fitted.", lines.collect())
 }
 
 fn limits(view: &Report<'_>) -> Vec<Block> {

@@ -54,16 +54,13 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     if groups.is_empty() && left_out.is_empty() {
         return None;
     }
-    let (several, single): (Vec<&PictureGroup<'_>>, Vec<&PictureGroup<'_>>) =
-        groups.into_iter().partition(|group| group.shown.len() > 1);
     Some(html! {
         p.lead {
             "The cells' last frames, compressed with loss if that is smaller. In a picture of errors white means no error. A picture "
             "that is wider than its viewport shows several views. "
             span.script-only { "The slider shows two pictures of an experiment at the same place." }
         }
-        @for group in several { (several_pictures(page, group)) }
-        @if !single.is_empty() { (single_pictures(page, &single)) }
+        @for group in groups { (group_pictures(page, group)) }
         @if !left_out.is_empty() { (missing(&left_out)) }
     })
 }
@@ -87,15 +84,15 @@ fn group<'p>(
     PictureGroup { run, section, shown }
 }
 
-fn several_pictures(page: &Page<'_>, group: &PictureGroup<'_>) -> Markup {
+fn group_pictures(page: &Page<'_>, group: &PictureGroup<'_>) -> Markup {
     let differing = differing(&group.shown);
     html! {
         details.pictures open[group.shown.len() <= OPEN_PICTURES] {
             summary {
-                b { (group.section.id) } ": " (group.section.title()) ", " (group.shown.len()) " pictures"
+                b { (group.section.id) } ": " (group.section.title()) ", " (group.shown.len()) @if group.shown.len() == 1 { " picture" } @else { " pictures" }
                 @if page.is_overlay() { " (" (group.run.label) ")" }
             }
-            div.slider.script-only {}
+            @if group.shown.len() > 1 { div.slider.script-only {} }
             div.grid {
                 @for shown in &group.shown {
                     (figure(shown, &caption(group.section.experiment.as_ref(), shown, &differing)))
@@ -103,29 +100,6 @@ fn several_pictures(page: &Page<'_>, group: &PictureGroup<'_>) -> Markup {
             }
         }
     }
-}
-
-/// Experiments of one picture, together.
-fn single_pictures(page: &Page<'_>, groups: &[&PictureGroup<'_>]) -> Markup {
-    html! {
-        h3 { "Experiments with one picture" }
-        div.grid {
-            @for group in groups {
-                @for shown in &group.shown {
-                    (figure(shown, &single_caption(page, group, shown)))
-                }
-            }
-        }
-    }
-}
-
-fn single_caption(page: &Page<'_>, group: &PictureGroup<'_>, shown: &PagePicture<'_>) -> String {
-    let run = if page.is_overlay() { format!("{}, ", group.run.label) } else { String::new() };
-    format!(
-        "{run}{}: {}",
-        group.section.id,
-        axes(group.section.experiment.as_ref(), shown.cell, |_| true)
-    )
 }
 
 fn figure(shown: &PagePicture<'_>, caption: &str) -> Markup {
@@ -165,8 +139,8 @@ fn caption(
 
 /// Values of the cell's axes in words; the cell's name where there are none.
 fn axes(experiment: Option<&Experiment>, cell: &Cell, is_told: impl Fn(&str) -> bool) -> String {
-    let told = cell.axes.iter().filter(|(name, _)| is_told(name));
-    let words: Vec<String> = told
+    let named_axes = cell.axes.iter().filter(|(name, _)| is_told(name));
+    let words: Vec<String> = named_axes
         .map(|(name, value)| format!("{} {}", axis_title(experiment, name), label_text(value)))
         .collect();
     if words.is_empty() { cell.cell.clone() } else { words.join(", ") }

@@ -104,8 +104,8 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
         let cell = frame.cell;
         let place = format!(" ({} {}, {})", cell.experiment, cell.cell, frame.conditions());
         let n = frame.measured.frame.untimed.n;
-        let told = Line::from(format!("{}: {} ms, n = {n}", cell.pipeline, frame_ms(frame)));
-        first[0] = told.and(Span::Faint(place)).into();
+        let summary = Line::from(format!("{}: {} ms, n = {n}", cell.pipeline, frame_ms(frame)));
+        first[0] = summary.and(Span::Faint(place)).into();
     }
     rows
 }

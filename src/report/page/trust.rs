@@ -35,11 +35,12 @@ fn parts(page: &Page<'_>) -> Vec<Block> {
         let verdict = Line::from(Span::Bold(trust::verdict(run)));
         parts.push(Block::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
         if view.runs.len() > 1 {
+            let machines = view.runs.iter().map(|run| &run.conditions.host).unique().count();
             parts.push(Block::paragraph(format!(
-                "The run was measured in {} sessions. The audit and the costs below are those of the session with the least reliable clocks.",
+                "The run was measured in {} sessions on {machines} machine(s). The audit and the costs below are those of the session \
+                 with the least reliable clocks.",
                 view.runs.len()
             )));
-            parts.push(Block::Table(sessions(view)));
         }
         if !run.audit.is_empty() {
             let about =
@@ -50,19 +51,6 @@ fn parts(page: &Page<'_>) -> Vec<Block> {
         parts.push(Block::list(details(view, run)));
     }
     parts
-}
-
-/// What each session of a run that was resumed or joined from shards was timed by.
-fn sessions(view: &Report<'_>) -> Table {
-    let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
-    let columns = ["Started", "Machine", "Cells", "Clock", "Can it be trusted?"];
-    let rows = view.runs.iter().map(|run| {
-        let count = cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0);
-        let host = run.conditions.host.clone().unwrap_or_else(|| "–".to_owned());
-        let [clock, verdict] = [trust::conditions(run), trust::verdict(run)];
-        [run.started_at.clone(), host, count.to_string(), clock, verdict]
-    });
-    Table::new("Sessions", columns).with(ColumnKind::Numbers, &columns[2..3]).with_rows(rows)
 }
 
 fn audit(run: &Run) -> Table {

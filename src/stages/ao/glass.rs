@@ -27,15 +27,15 @@ const FACINGS: Range<u32> = 0..2;
 /// Parts of the transparent objects in the order in which they are drawn: by the distance of their middles from the viewer.
 fn farthest_first(scene: &Scene, parts: &[Range<u32>], view: &View) -> Vec<Range<u32>> {
     let eye = view.camera.position();
-    let mut found: Vec<(f64, Range<u32>)> = scene
+    let mut groups: Vec<(f64, Range<u32>)> = scene
         .objects
         .iter()
         .zip(parts)
         .filter(|(object, _)| !object.material.is_opaque())
         .map(|(object, part)| (object.mesh.bounds().center().distance(eye), part.clone()))
         .collect();
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.into_iter().map(|(_, part)| part).collect()
+    groups.sort_by(|a, b| b.0.total_cmp(&a.0));
+    groups.into_iter().map(|(_, part)| part).collect()
 }
 
 /// Draws over `picture` what `depth`, the camera's, does not hide. None where nothing is transparent.

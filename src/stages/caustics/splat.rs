@@ -180,8 +180,8 @@ pub fn scatter(
     let of_pixels = [width.div_ceil(COLUMNS), height.div_ceil(ROWS), 1];
     let side = style.max_px.floor() as u64 + 1;
     let parts = side.min(height.into()).div_ceil(SPLAT_ROWS);
-    let turns = 1 + SPLAT_ROWS * (side.min(width.into()) + 2);
-    resources.iterations("view.width of caustics.buffer", turns);
+    let iterations = 1 + SPLAT_ROWS * (side.min(width.into()) + 2);
+    resources.iterations("view.width of caustics.buffer", iterations);
     let [x, y, _] = kit::linear_workgroups(photons.count.into());
     let of_photons = [x, y, parts as u32];
     // Sums cleared, photons added, sums turned into the picture.

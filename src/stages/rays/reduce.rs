@@ -52,12 +52,12 @@ pub fn new(
         dispatch(1, &group, [rows.div_ceil(LAST_WORKGROUP), 1, 1])
     };
     let lasts = (0..rays.tiles()).map(last).collect::<Result<Vec<_>, _>>()?;
-    let turns = lasts.len() as u32 * rays.walking.path_segments;
+    let iterations = lasts.len() as u32 * rays.walking.path_segments;
     let read = if max_hits == 1 { 2 * texels } else { kit::pixels(&wide) };
     let work = Work {
         photons: transfers.count.into(),
-        texel_fetches: u64::from(turns) * read,
-        bytes_written: u64::from(turns) * texels * 4 + Photons::bytes(photons.count.into()),
+        texel_fetches: u64::from(iterations) * read,
+        bytes_written: u64::from(iterations) * texels * 4 + Photons::bytes(photons.count.into()),
         ..Work::default()
     };
     // A hit hides its right neighbour; all turns write to the same textures.
@@ -69,7 +69,7 @@ pub fn new(
     let output = screen_ray::output(&photons);
     let stage = stage
         .with_min_work(least)
-        .with_iterations(turns)
+        .with_iterations(iterations)
         .with_spent_inputs(rays.walking.path_segments > 1);
     Ok(stage.dump(output).with_output(photons))
 }

@@ -36,8 +36,8 @@ pub fn new(
     walk: &WalkUniforms,
     (refractions, lines): (u32, Option<SightLines<'_>>),
 ) -> Result<Stage<Exits>, GpuError> {
-    let turns = u64::from(refractions) * (walk_iterations(walk.max_steps, 0) + 2) + 1;
-    resources.iterations("refractions × view", turns);
+    let iterations = u64::from(refractions) * (walk_iterations(walk.max_steps, 0) + 2) + 1;
+    resources.iterations("refractions × view", iterations);
     let walked = resources.uniform(INFO.name, walk);
     let [first, count] =
         lines.as_ref().map_or([UVec2::ZERO; 2], |lines| [lines.sight.first, lines.sight.count]);

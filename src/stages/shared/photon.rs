@@ -283,8 +283,8 @@ pub fn tracing(
 ) -> Result<Stage<Photons>, GpuError> {
     let name = info.name;
     let settings = &settings.with_search(depth.width(), shared.entry_turns);
-    let turns = settings.loop_bound(shared.entry_turns);
-    resources.iterations(&format!("{name}, subdivision × iterations"), turns);
+    let iterations = settings.loop_bound(shared.entry_turns);
+    resources.iterations(&format!("{name}, subdivision × iterations"), iterations);
     let side = if dynamic { 0 } else { settings.side as i32 };
     let defs = [("SIDE", side), shared.water_def()];
     let uniforms = resources.uniform(name, settings);

@@ -33,14 +33,14 @@ pub fn new(
 ) -> Result<Stage, GpuError> {
     let count = rays.transfers.count;
     let rows = if tiles == 1 { count } else { rays.rows() };
-    let ways = rays.walking.path_segments;
+    let path_segments = rays.walking.path_segments;
     let walk = resources.uniform(INFO.name, &rays.uniforms());
     let defs = rays.defs();
     let turn = |turn: u32| {
         let settings = BounceUniforms {
             first: turn % tiles * rows,
             rows,
-            last: u32::from(turn / tiles + 1 == ways),
+            last: u32::from(turn / tiles + 1 == path_segments),
         };
         let settings = resources.uniform(INFO.name, &settings);
         let Layers { depths, surfaces } = rays.layers;
@@ -48,8 +48,8 @@ pub fn new(
         let workgroups = kit::linear_workgroups(rows.into());
         Dispatch::new(resources, (INFO.name, &defs), &[&shared.group, &own], workgroups)
     };
-    let turns = (0..tiles * ways).map(turn).collect::<Result<Vec<_>, _>>()?;
-    let visits = u64::from(count) * u64::from(ways);
+    let turns = (0..tiles * path_segments).map(turn).collect::<Result<Vec<_>, _>>()?;
+    let visits = u64::from(count) * u64::from(path_segments);
     let bytes = visits * size_of::<Transfer>() as u64 + Photons::bytes(visits);
     let work = Work {
         photons: visits,
@@ -63,7 +63,9 @@ pub fn new(
         scope.compute(|pass| dispatch.run(pass));
     });
     // Photons that have ended are passed over.
-    let stage =
-        stage.with_min_work(Work::default()).with_iterations(tiles * ways).with_spent_inputs(true);
+    let stage = stage
+        .with_min_work(Work::default())
+        .with_iterations(tiles * path_segments)
+        .with_spent_inputs(true);
     Ok(stage.dump(screen_ray::output(photons)))
 }

@@ -159,8 +159,8 @@ impl WorkBound {
             load.large += u64::from(columns > SMALL_COLUMNS.into());
             if size.is_line && columns > SMALL_COLUMNS.into() {
                 load.lines += 1;
-                let turns = 2 * (long + short) * (long + COLUMN_TURNS);
-                load.max_line_iterations = load.max_line_iterations.max(turns);
+                let iterations = 2 * (long + short) * (long + COLUMN_TURNS);
+                load.max_line_iterations = load.max_line_iterations.max(iterations);
             }
         }
         load

@@ -180,10 +180,10 @@ impl Drop for Service {
 /// ChromeDriver tells on standard output which port it took.
 fn port(service: &mut Child) -> u16 {
     let lines = BufReader::new(service.stdout.take().unwrap()).lines();
-    let told = lines.map_while(Result::ok).find(|line| line.contains("successfully on port"));
-    let told = told.expect("chromedriver tells its port");
-    let (_, port) = told.trim_end_matches('.').rsplit_once(' ').unwrap();
-    port.parse().unwrap_or_else(|_| panic!("no port: {told}"))
+    let answer = lines.map_while(Result::ok).find(|line| line.contains("successfully on port"));
+    let answer = answer.expect("chromedriver tells its port");
+    let (_, port) = answer.trim_end_matches('.').rsplit_once(' ').unwrap();
+    port.parse().unwrap_or_else(|_| panic!("no port: {answer}"))
 }
 
 /// The source of axe-core.

@@ -99,15 +99,16 @@ fn no_photon_on_a_level_floor_in_view_is_lost() {
             let is_shown = within(1.0) && floor_m > 0.0 && floor_m < 0.99 * length;
             (in_view && photon.fate() != Fate::MissedWater).then_some((end, is_shown))
         };
-        let told = format!("draw {seed}: {set} {:?} {:?}", params.camera, params.light.direction);
+        let setting =
+            format!("draw {seed}: {set} {:?} {:?}", params.camera, params.light.direction);
         for photon in photons(&gpu, &scene, &params) {
             let Some((end, is_shown)) = seen(&photon) else { continue };
             all += 1;
             all_lost += usize::from(!photon.has_landed());
-            assert!(photon.has_landed() || !is_shown, "{told}: {photon:?}");
+            assert!(photon.has_landed() || !is_shown, "{setting}: {photon:?}");
             let footprint_m = pixel * end.distance(params.camera.position());
             let is_right = !photon.has_landed() || photon.hit().distance(end) < 0.1 * footprint_m;
-            assert!(is_right, "{told}: {photon:?} instead of {end}");
+            assert!(is_right, "{setting}: {photon:?} instead of {end}");
         }
         // The paper's test loses many: the count can fail.
         params.rays.test = HitTest::Tolerance;

@@ -107,8 +107,8 @@ fn stl_faults_are_told() {
         (b"short".to_vec(), "reading the header"),
         ([&binary[..80], &[0xff; 4], &binary[84..]].concat(), "reading triangle 1 of 4294967295"),
     ] {
-        let told = fault("a.stl", &bytes);
-        assert!(told.contains(expected), "{expected}: {told}");
+        let message = fault("a.stl", &bytes);
+        assert!(message.contains(expected), "{expected}: {message}");
     }
 }
 
@@ -140,8 +140,8 @@ fn gltf_faults_are_told() {
         ),
         (r#"{"asset"|{,"asset""#, "line 1"),
     ] {
-        let told = fault("a.glb", &glb(&changed(changes), &fan()));
-        assert!(told.contains(expected), "{changes}: {told}");
+        let message = fault("a.glb", &glb(&changed(changes), &fan()));
+        assert!(message.contains(expected), "{changes}: {message}");
     }
     let mut beyond = fan();
     beyond[60] = 9;
@@ -189,8 +189,8 @@ fn far_indices_are_told() {
     ];
     for face in corners {
         let obj = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf {face}\n");
-        let told = fault("a.obj", obj.as_bytes());
-        assert!(told.contains("out of bounds"), "{face}: {told}");
+        let message = fault("a.obj", obj.as_bytes());
+        assert!(message.contains("out of bounds"), "{face}: {message}");
     }
     // Texture coordinates are not read.
     let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/6148914691236517206 2/1 3/1\n";

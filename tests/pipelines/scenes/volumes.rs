@@ -87,9 +87,9 @@ fn values_that_are_not_finite_are_counted_and_the_first_named() {
     values[7] = f32::NAN.to_le_bytes();
     values[9] = f32::NAN.to_le_bytes();
     let raw: Vec<u8> = values.into_iter().flatten().collect();
-    let told = fault("a.raw", &raw, "cells = [2, 3, 2]\nformat = \"f32\"");
+    let message = fault("a.raw", &raw, "cells = [2, 3, 2]\nformat = \"f32\"");
     let counted = "2 of 12 values are not finite: the first, NaN, lies in cell (1, 0, 1)";
-    assert!(told.contains(counted), "{told}");
+    assert!(message.contains(counted), "{message}");
 }
 
 #[test]
@@ -107,9 +107,9 @@ fn raw_files_are_read_plain_and_compressed() {
 #[test]
 fn files_with_headers_are_told_how_to_be_read() {
     for name in ["a.nrrd", "a.mha", "a.mhd", "A.NHDR"] {
-        let told = fault(name, b"ObjectType = Image\n", "");
+        let message = fault(name, b"ObjectType = Image\n", "");
         for key in ["cells", "format", "endian", "spacing_m", "skip_bytes"] {
-            assert!(told.contains(&format!("`{key}`")), "{name}: {told}");
+            assert!(message.contains(&format!("`{key}`")), "{name}: {message}");
         }
     }
     let keys = "cells = [2, 1, 1]\nformat = \"i16\"\nendian = \"big\"\nwindow = [-1000, 3000]\nskip_bytes = 7";

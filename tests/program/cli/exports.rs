@@ -41,9 +41,9 @@ fn folders() -> Place {
 }
 
 fn exported(place: &Place, words: &str) -> String {
-    let told = place.fathom(format!("export {words}")).ends(0);
-    assert_eq!(told.err, "");
-    told.out
+    let output = place.fathom(format!("export {words}")).ends(0);
+    assert_eq!(output.err, "");
+    output.out
 }
 
 fn json_of(place: &Place, words: &str) -> Value {

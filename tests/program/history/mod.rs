@@ -53,10 +53,10 @@ fn keeps_runs_once_in_the_order_of_their_commits(place: &Place, db: &str) {
     write(&place.path("first"), &records[0]);
     write(&place.path("second"), &records[1]);
     // The later commit first: the order is that of the commits.
-    let told = history("add ../second --machine m").answer();
+    let output = history("add ../second --machine m").answer();
     let figures = CELLS * FIGURES_OF_A_CELL;
     let stored = format!("{CELLS} cells with {figures} figures stored");
-    holds(&told, &[&stored, &repository.commits[1], "on main"]);
+    holds(&output, &[&stored, &repository.commits[1], "on main"]);
     history("add ../first --commit HEAD~1").ends(0);
     let stored = runs(here, db);
     let listed = history("list").answer();
@@ -65,8 +65,8 @@ fn keeps_runs_once_in_the_order_of_their_commits(place: &Place, db: &str) {
     assert!(first < second && stored.len() == 2, "{listed}");
     // Again, and as another commit's.
     holds(&history("add ../second").answer(), &["stored already, nothing changed"]);
-    let told = history("add ../first").refused("is stored already, as one of commit");
-    holds(&told, &[&repository.commits[0]]);
+    let output = history("add ../first").refused("is stored already, as one of commit");
+    holds(&output, &[&repository.commits[0]]);
     assert_eq!(runs(here, db), stored);
 }
 
@@ -100,9 +100,9 @@ fn names_the_commits_of_a_change(place: &Place, db: &str) {
         write(&here.join("run"), &records(day, CELLS, ns));
         history(here, db, add("run", commit)).ends(0);
     }
-    let told = changes(here, db);
-    let changes = told["changes"].as_array().unwrap();
-    assert_eq!(changes.len(), 2, "{told:#}");
+    let output = changes(here, db);
+    let changes = output["changes"].as_array().unwrap();
+    assert_eq!(changes.len(), 2, "{output:#}");
     for change in changes {
         assert_eq!(change["cell"], "own n=0");
         assert_eq!(change["before"]["commit"], commits[24]);
@@ -229,8 +229,8 @@ fn a_place_that_is_no_file_is_not_shown() {
         ("u:s3cret@h/x", &add("run", "c0ffee")),
         (&long, &add("run", "c0ffee")),
     ] {
-        let told = history(&place.path(""), db, words).refused("--db");
-        assert!(!told.contains("s3cret"), "{db:.40}: {told}");
+        let output = history(&place.path(""), db, words).refused("--db");
+        assert!(!output.contains("s3cret"), "{db:.40}: {output}");
     }
 }
 
@@ -241,8 +241,8 @@ fn names_that_are_too_long_are_refused() {
     for name in ["commit", "branch", "machine"] {
         let other = ["commit", "branch"].into_iter().filter(|other| *other != name);
         let others: String = other.map(|other| format!(" --{other} c0ffee")).collect();
-        let mut told = history(&format!("add run --{name} {long}{others}"));
-        told.refused(&format!("the {name} has 70000 characters; the most are 250"));
+        let mut output = history(&format!("add run --{name} {long}{others}"));
+        output.refused(&format!("the {name} has 70000 characters; the most are 250"));
     }
 }
 
@@ -313,8 +313,8 @@ fn what_the_limits_of_the_adapter_share_is_drift_of_the_machine() {
     }
     holds(&history("changes").answer(), &["+50", "without +10.0 % of drift"]);
     // A stage that never changes as the control: the change is as it is.
-    let told = history("changes --json --control n=1").ends(0).json();
-    let size = of(&told, "own n=0")[0]["change"]["value"].as_f64().unwrap();
-    assert!((size - 0.65).abs() < 0.01, "{told}");
+    let output = history("changes --json --control n=1").ends(0).json();
+    let size = of(&output, "own n=0")[0]["change"]["value"].as_f64().unwrap();
+    assert!((size - 0.65).abs() < 0.01, "{output}");
     history("changes --control nothing").refused("no time in this history is a control `nothing`");
 }

@@ -2,18 +2,15 @@
 {
   const value = (row, column) => {
     const cell = row.cells[column];
-    if (!cell) return -Infinity;
-    return cell.dataset.v === undefined ? cell.textContent.trim() : Number(cell.dataset.v);
+    return cell?.dataset.v === undefined ? cell?.textContent.trim() ?? "" : Number(cell.dataset.v);
   };
-  const order = (a, b) => {
-    if (typeof a === "number" && typeof b === "number") return a - b;
-    if (typeof a !== typeof b) return typeof a === "number" ? -1 : 1;
-    return a.localeCompare(b, "en", { numeric: true });
-  };
+  const order = (a, b) => (typeof a === "number" ? a - b : a.localeCompare(b, "en", { numeric: true }));
 
-  /* Makes the headings of a table sort: `arrange` gets rows and where they go. */
+  /* Makes the headings of a table sort, but those above buttons: `arrange` gets rows and where they go. Rows without a value stay
+     last. */
   fathom.sortable = (table, rows, arrange) => {
     [...table.tHead.rows[0].cells].forEach((heading, column) => {
+      if (heading.classList.contains("script-only")) return;
       const button = fathom.element("button", { class: "sort", type: "button" }, heading.textContent);
       heading.replaceChildren(button);
       button.addEventListener("click", () => {
@@ -21,8 +18,10 @@
         fathom.all("[aria-sort]", table.tHead).forEach((other) => other.removeAttribute("aria-sort"));
         heading.setAttribute("aria-sort", down ? "descending" : "ascending");
         const keyed = rows.map((row) => [value(row, column), row]);
-        keyed.sort(([a], [b]) => (down ? order(b, a) : order(a, b)));
-        arrange(keyed.map(([, row]) => row));
+        const kind = keyed.some(([key]) => typeof key === "number") ? "number" : "string";
+        const has = ([key]) => typeof key === kind && key !== "";
+        const sorted = keyed.filter(has).sort(([a], [b]) => (down ? order(b, a) : order(a, b)));
+        arrange([...sorted, ...keyed.filter((pair) => !has(pair))].map(([, row]) => row));
       });
     });
   };
@@ -32,6 +31,28 @@
     fathom.sortable(table, [...body.rows], (rows) => body.replaceChildren(...rows));
   });
 
+  const matcher = (words) => {
+    const wanted = words.toLowerCase().split(/\s+/).filter(Boolean);
+    return (text) => wanted.every((word) => text.toLowerCase().includes(word));
+  };
+
+  /* Claims that hold all words; what is folded is opened to show them. */
+  const lead = document.querySelector("#claims > details > p");
+  if (lead) {
+    const words = fathom.element("input", { id: "claim-words", type: "search", size: 24 });
+    lead.after(fathom.element("div", { class: "controls" }, fathom.element("label", {}, "Holds the words ", words)));
+    const folds = fathom.all("#claims details details").filter((fold) => fold.querySelector("table.claims"));
+    words.addEventListener("input", () => {
+      const matches = matcher(words.value);
+      let claim = "";
+      for (const row of fathom.all("#claims table.claims > tbody > tr")) {
+        claim = row.querySelector(".source") ? row.textContent : claim;
+        row.hidden = !matches(claim + row.textContent);
+      }
+      folds.forEach((fold) => { fold.open = words.value !== ""; });
+    });
+  }
+
   const cells = document.getElementById("cell-table");
   if (cells) {
     const body = cells.tBodies[0];
@@ -39,7 +60,7 @@
     const words = document.getElementById("cell-words");
     const more = document.getElementById("cell-more");
     const all = [...body.rows];
-    const text = (row) => `${row.textContent} ${row.querySelector("th[title]")?.title ?? ""}`.toLowerCase();
+    const text = (row) => `${row.textContent} ${row.querySelector("th[title]")?.title ?? ""}`;
     const texts = new Map(all.map((row) => [row, text(row)]));
     let rows = all;
     /* Of a long table only the first rows are laid out, which is what takes the time. */
@@ -47,9 +68,9 @@
     let most = few;
 
     const show = () => {
-      const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean);
+      const matches = matcher(words.value);
       const fitting = rows.filter((row) => (!experiment.value || row.dataset.experiment === experiment.value)
-        && wanted.every((word) => texts.get(row).includes(word)));
+        && matches(texts.get(row)));
       body.replaceChildren(...fitting.slice(0, most));
       more.hidden = fitting.length <= most;
       more.textContent = `show all ${fitting.length} cells`;
