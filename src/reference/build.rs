@@ -1,4 +1,4 @@
-//! Names the code of the references by its digest, for answers that are kept on disk (`kept.rs`).
+//! Names the code of the references by its digest, for answers that are kept on disk (`cache.rs`).
 
 // How a build script speaks to cargo.
 #![allow(clippy::print_stdout)]
