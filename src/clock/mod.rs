@@ -20,7 +20,7 @@ pub use error::{ClockError, DeviceError};
 pub use fathom_record as record;
 pub use fathom_record::{ClockPlan, SubmitCost};
 pub use frame::{
-    ColorTarget, CostMeter, DepthTarget, FrameSample, FrameTimer, HostClock, HostCost, HostTime,
+    ColorTarget, CostMeter, DepthTarget, EncodeCost, FrameSample, FrameTimer, HostClock, HostTime,
     RejectedTime, StageScope, StageTime, Targets, TimedStage,
 };
 pub use machine::MachineReader;

@@ -22,8 +22,8 @@ pub use capacity::Capacity;
 pub use ceilings::{Waker, ceilings, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
-    Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, FrameSample, FrameTimer,
-    HostClock, HostCost, HostTime, MachineReader, RejectedTime, StageClock, StageCounters,
+    Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, EncodeCost, FrameSample,
+    FrameTimer, HostClock, HostTime, MachineReader, RejectedTime, StageClock, StageCounters,
     StageScope, SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table,
     count,
 };

@@ -5,15 +5,33 @@ use std::collections::HashMap;
 use anyhow::{Context, Result, ensure};
 
 use super::subject::Subject;
-use fathom_gpu::{FrameTimer, Gpu, Pixels, read_texture};
+use fathom_gpu::{FrameTimer, Gpu, Pixels, Stage, read_texture};
 use fathom_pipelines::AnyPipeline;
 use fathom_stages::OutputData;
 
+/// The first of the named stages that the pipeline has.
+fn first_present<'p>(pipeline: &'p AnyPipeline, stages: &[String]) -> Option<&'p Stage> {
+    let present = pipeline.stages();
+    stages.iter().find_map(|name| present.iter().find(|stage| stage.name() == name)).copied()
+}
+
+/// Runs a frame as far as [`image`] of each of these lists of stages needs it.
+pub fn run_to(
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
+    pipeline: &AnyPipeline,
+    outputs: &[&[String]],
+) -> Result<()> {
+    let read: Vec<&str> =
+        outputs.iter().filter_map(|stages| Some(first_present(pipeline, stages)?.name())).collect();
+    timer.run_stages(gpu, &pipeline.stages_up_to(&read))?;
+    Ok(())
+}
+
 /// Texels of the first texture that the first present of the named stages leaves.
 pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pixels> {
-    let present = pipeline.stages();
-    let named = |name: &String| present.iter().find(|stage| stage.name() == name);
-    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| &stage.dumps);
+    let stage = first_present(pipeline, stages);
+    let mut outputs = stage.into_iter().flat_map(|stage| &stage.dumps);
     let texture = outputs.find_map(|output| match &output.data {
         OutputData::Texture(texture) => Some(texture),
         _ => None,
@@ -55,7 +73,7 @@ impl References {
         let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
         if !keys.iter().all(|key| self.images.contains_key(key)) {
             let pipeline = subject.build(gpu)?;
-            timer.run_stages(gpu, &pipeline.stages())?;
+            run_to(gpu, timer, &pipeline, outputs)?;
             for (key, stages) in keys.iter().zip(outputs) {
                 let image = image(gpu, pipeline.as_ref(), stages)?;
                 self.images.insert(key.clone(), image);

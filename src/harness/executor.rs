@@ -25,8 +25,8 @@ use fathom_experiments::CellPlan;
 use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
 use fathom_gpu::{
-    ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, MadePipelines,
-    Stage, StageCounters, Waker,
+    ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, HostClock, MachineReader,
+    MadePipelines, Stage, StageCounters, Waker,
 };
 use fathom_pipelines::{AnyPipeline, Judge, ReferenceCache};
 use fathom_record::output::picture_path;
@@ -173,6 +173,8 @@ struct BuiltCell {
     pipeline: Box<AnyPipeline>,
     /// Time of its frames, seconds, and how many they are.
     frames: (f64, u32),
+    /// What this thread took for the submission of each untimed one.
+    submits_ns: Vec<f64>,
 }
 
 impl CellFindings {
@@ -235,8 +237,8 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
-    fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> CellFindings {
-        let start = Instant::now();
+    fn find(&mut self, cell: usize, built: &BuiltCell) -> CellFindings {
+        let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
         let mut findings = CellFindings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
         let start = self.session.times.since(start, SetUp::Quantities);
@@ -257,7 +259,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let first = hosts.get(&plan.pipeline).filter(|(first, _)| *first == (self.number, cell));
         // A resumed run measures it with the first cell whose figures it reads.
         if let Some((_, made)) = first.filter(|_| !is_late) {
-            let costs = host::costs(gpu, timer, (subject, pipeline), *made);
+            let costs = host::costs(gpu, timer, (subject, pipeline), *made, &built.submits_ns);
             let failure = "what it costs the CPU not measured";
             findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
         }
@@ -304,7 +306,10 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             findings.add(&format!("{name} not computed"), figures);
         }
         if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
-            let found = repetitions::noise_and_bias(gpu, timer, references, planned, &asked.output);
+            let own = (&self.cells[cell].subject, pipeline);
+            let device = (&*gpu, timer);
+            let found =
+                repetitions::noise_and_bias(device, references, own, planned, &asked.output);
             let found = findings.noted(NoteKind::NotComputed, "noise and bias not computed", found);
             let Some(NoiseAndBias { noise, bias }) = found else { return };
             let bias = findings.noted(NoteKind::NotComputed, "bias not computed", bias);
@@ -357,9 +362,9 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
     fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
         let built = self.built.remove(&cell).ok_or("its pipeline is gone")?;
-        let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
+        let start = Instant::now();
         let known = self.progress.findings.get(&cell).cloned();
-        let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, pipeline)));
+        let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, &built)));
         if let Some(reason) = self.session.gpu.loss_reason() {
             // What could not be found then is not missing for ever.
             return Err(sample::device_lost(&reason));
@@ -368,7 +373,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             self.state(cell).costs.finish_s = Some(start.elapsed().as_secs_f64());
             self.progress.findings.insert(cell, found.clone());
         }
-        let mut measured = self.build_record(cell, samples, pipeline, found);
+        let mut measured = self.build_record(cell, samples, &built.pipeline, found);
         self.built.insert(cell, built);
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
         let again = |limit| gpu::measure(gpu, *plan, limit);
@@ -449,7 +454,7 @@ impl Executor for CellExecutor<'_, '_> {
         times.since(start, SetUp::Counting);
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
-        self.built.insert(cell, BuiltCell { pipeline, frames: (0.0, 0) });
+        self.built.insert(cell, BuiltCell { pipeline, frames: (0.0, 0), submits_ns: Vec::new() });
         self.state(cell).costs.prepare_s = Some(begun.elapsed().as_secs_f64());
         Ok(bytes)
     }
@@ -468,11 +473,12 @@ impl Executor for CellExecutor<'_, '_> {
     }
 
     fn run_frame(&mut self, cell: usize) -> Result<f64, Failure> {
-        self.frame(
-            cell,
-            |timer, gpu, stages| Ok(timer.run_stages(gpu, stages)?),
-            |wall_ns| *wall_ns,
-        )
+        let clock = HostClock::from_plan(&self.session.plan);
+        let run =
+            |timer: &mut FrameTimer, gpu: &Gpu, stages: &[&Stage]| Ok(timer.on_host(gpu, stages)?);
+        let time = self.frame(cell, run, |time| time.time_ns(clock))?;
+        self.built.entry(cell).and_modify(|built| built.submits_ns.push(time.submit_ns));
+        Ok(time.time_ns(clock))
     }
 
     fn earlier_samples(&mut self, cell: usize) -> Samples {

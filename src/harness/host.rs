@@ -2,29 +2,37 @@
 
 use super::subject::Subject;
 use fathom_base::statistics::estimate;
-use fathom_gpu::{FrameTimer, Gpu, GpuError, HostCost, MadePipelines};
+use fathom_gpu::{EncodeCost, FrameTimer, Gpu, GpuError, MadePipelines};
 use fathom_pipelines::AnyPipeline;
 use fathom_record::{HostCosts, PipelineCreation, StageEncoding};
 
-/// Frames that are encoded and submitted: enough for an interval at 95 % (six are the least).
-const FRAMES: usize = 15;
+/// Frames that are encoded: enough for an interval at 95 %.
+const ENCODINGS: usize = 15;
+/// Submissions at least: the fewest that have an interval.
+const MIN_SUBMISSIONS: usize = 6;
 
-/// The costs of a cell that was built in this process while `made` pipelines were made.
+/// The costs of a cell that was built in this process while `made` pipelines were made. `submits_ns` are those of its untimed frames.
 pub fn costs(
     gpu: &Gpu,
     timer: &mut FrameTimer,
     (subject, pipeline): (&Subject, &AnyPipeline),
     made: MadePipelines,
+    submits_ns: &[f64],
 ) -> Result<HostCosts, GpuError> {
     let stages = pipeline.stages();
-    let frame = |_| timer.host_cost(gpu, &stages);
-    let frames: Vec<HostCost> = (0..FRAMES).map(frame).collect::<Result<_, _>>()?;
+    let encode = |_| timer.encode_cost(gpu, &stages);
+    let frames: Vec<EncodeCost> = (0..ENCODINGS).map(encode).collect::<Result<_, _>>()?;
     let estimated =
-        |ns: &dyn Fn(&HostCost) -> f64| estimate(&frames.iter().map(ns).collect::<Vec<f64>>());
+        |ns: &dyn Fn(&EncodeCost) -> f64| estimate(&frames.iter().map(ns).collect::<Vec<f64>>());
     let encoding = |(place, stage): (usize, &&fathom_gpu::Stage)| StageEncoding {
         stage: stage.name().into(),
         encode: estimated(&|frame| frame.stages_ns[place]),
     };
+    // The first untimed frame belongs to the warm-up.
+    let mut submits_ns = submits_ns.iter().skip(1).copied().collect::<Vec<f64>>();
+    while submits_ns.len() < MIN_SUBMISSIONS {
+        submits_ns.push(timer.on_host(gpu, &stages)?.submit_ns);
+    }
     let (again, of_all) = gpu.time_all_pipelines(|| subject.build(gpu));
     drop(again?);
     // Otherwise cells before this one have made some of them.
@@ -32,7 +40,7 @@ pub fn costs(
     Ok(HostCosts {
         stages: stages.iter().enumerate().map(encoding).collect(),
         encode: estimated(&|frame| frame.frame_ns),
-        submit: estimated(&|frame| frame.submit_ns),
+        submit: estimate(&submits_ns),
         creation: is_first.then_some(PipelineCreation {
             pipelines: made.count,
             first_ns: made.ns,

@@ -4,11 +4,12 @@
 use anyhow::{Result, ensure};
 use itertools::Itertools as _;
 
-use super::difference::{References, image};
+use super::difference::{References, image, run_to};
 use super::subject::Subject;
 use fathom_base::statistics::mean;
 use fathom_experiments::schema::RepeatedOutput;
 use fathom_gpu::{FrameTimer, Gpu, Pixels};
+use fathom_pipelines::AnyPipeline;
 
 /// The runs of a cell: the same with its photon grids at other places, and its dense limit.
 pub struct PlannedRepetitions {
@@ -25,26 +26,29 @@ pub struct NoiseAndBias {
     pub bias: Result<Vec<f64>>,
 }
 
-/// Draws every repetition once, and gives what is asked of each output.
+/// Draws every repetition once, and gives what is asked of each output. That whose grids lie as the cell's own is drawn already.
 pub fn noise_and_bias(
-    gpu: &Gpu,
-    timer: &mut FrameTimer,
+    (gpu, timer): (&Gpu, &mut FrameTimer),
     references: &mut References,
+    (own, drawn): (&Subject, &AnyPipeline),
     planned: &PlannedRepetitions,
     outputs: &[RepeatedOutput],
 ) -> Result<NoiseAndBias> {
+    let stages: Vec<&[String]> = outputs.iter().map(|output| output.stages.as_slice()).collect();
     let mut images: Vec<Vec<Pixels>> = outputs.iter().map(|_| Vec::new()).collect();
     // One pipeline at a time: only the outputs are kept.
     for subject in &planned.repeated {
-        let pipeline = subject.build(gpu)?;
-        timer.run_stages(gpu, &pipeline.stages())?;
-        for (images, output) in images.iter_mut().zip(outputs) {
-            images.push(image(gpu, pipeline.as_ref(), &output.stages)?);
+        let is_drawn = subject.params == own.params;
+        let built = if is_drawn { None } else { Some(subject.build(gpu)?) };
+        if let Some(built) = &built {
+            run_to(gpu, timer, built, &stages)?;
+        }
+        for (images, stages) in images.iter_mut().zip(&stages) {
+            images.push(image(gpu, built.as_deref().unwrap_or(drawn), stages)?);
         }
     }
     let repeated: Vec<OutputNoise> =
         images.iter().map(|images| OutputNoise::from_images(images)).collect::<Result<_>>()?;
-    let stages: Vec<&[String]> = outputs.iter().map(|output| output.stages.as_slice()).collect();
     let bias = references.images(gpu, timer, &planned.limit, &stages).and_then(|limits| {
         repeated.iter().zip(limits).map(|(repeated, limit)| repeated.bias(limit)).collect()
     });

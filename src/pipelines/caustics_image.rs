@@ -1,6 +1,5 @@
 //! Caustics of a measured cell against a photon map: irradiance of what each pixel shows, as figures and as pictures.
 
-use std::collections::HashMap;
 use std::rc::Rc;
 
 use super::occlusion::signed_color;
@@ -9,7 +8,6 @@ use super::{ErrorPicture, Errors, Judge, JudgeError, ReferenceCache};
 use fathom_base::statistics::median;
 use fathom_gpu::Pixels;
 use fathom_record::{ErrorSpan, PictureScale};
-use fathom_reference::cache::AnswerKey;
 use fathom_reference::image::Image;
 use fathom_reference::photon_map::{Lighting, PhotonMap};
 use fathom_reference::rays::PixelRays;
@@ -31,9 +29,6 @@ const PICTURE_FULL: f64 = 1.0;
 const PICTURE_WIDTH: u32 = 600;
 /// Irradiance that is shown at 63 %, over the mean: a third to a half of a picture of water is dark.
 const PICTURE_BRIGHT: f64 = 3.0;
-
-#[derive(Default)]
-pub struct PhotonMapCache(HashMap<String, Rc<PhotonMap>>);
 
 /// Irradiance of what the pixels of a picture show, W/m², as a frame has left it.
 pub struct FrameCaustics {
@@ -74,7 +69,7 @@ impl CausticsPair {
         }
         let size = found.irradiance.size();
         let block_px = block_px(size);
-        let map = map(judge, view, size, block_px)?;
+        let map = map(judge, view, size, block_px);
         Ok(Self {
             measured: found.irradiance.downsample(block_px),
             exact: map.irradiance(),
@@ -167,7 +162,7 @@ fn block_px([width, height]: [u32; 2]) -> u32 {
 
 /// Distances from the viewer along the rays through the blocks' middles.
 fn distances_m(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Image {
-    let tracer = judge.references.occlusion.tracer(judge.scene, &Animation::default());
+    let tracer = judge.references.geometry.tracer(judge.scene, &Animation::default());
     let [width, height] = size;
     let matrix = view.camera.view_projection(view.aspect());
     let rays = PixelRays::of_matrix(matrix, width, height);
@@ -180,42 +175,29 @@ fn distances_m(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32
 }
 
 /// The photon map of a view, from an earlier cell or run where it is known.
-fn map(
-    judge: &mut Judge<'_>,
-    view: &View,
-    size: [u32; 2],
-    block_px: u32,
-) -> Result<Rc<PhotonMap>, JudgeError> {
+fn map(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Rc<PhotonMap> {
     let blocks: f64 = size.iter().map(|side| f64::from(side.div_ceil(block_px))).product();
     let columns = (blocks * PHOTONS_PER_BLOCK).sqrt().ceil() as u32;
     // Photons of the whole frustum: those that the grid leaves out must be missed.
     let frame = view.light.frame(&view.camera, view.aspect(), &view.bounds, &view.water);
-    let ReferenceCache { answers: kept, occlusion, maps } = &mut *judge.references;
-    let asked = format!(
-        "{frame:?} {:?} {:?} {:?} {} {size:?} {block_px} {columns}",
-        view.light,
-        view.water,
-        view.camera,
-        view.aspect()
-    );
-    let scene = occlusion.digest(judge.scene);
-    let content = AnswerKey::new("photon map").with(scene.as_bytes()).with(asked.as_bytes());
-    let key = content.clone().digest();
-    if let Some(map) = maps.0.get(&key) {
-        return Ok(Rc::clone(map));
-    }
-    let lighting = Lighting {
-        frame: &frame,
-        intensity_w_sr: view.light.intensity_w_sr,
-        water: &view.water,
-        tracer: &occlusion.tracer(judge.scene, &Animation::default()),
-        camera: &view.camera,
-        aspect: view.aspect(),
-    };
-    let gather = || PhotonMap::new(&lighting, size, columns).downsample(block_px);
-    let map = Rc::new(kept.answer(content, gather));
-    maps.0.insert(key, Rc::clone(&map));
-    Ok(map)
+    let View { light, water, camera, .. } = view;
+    let asked = (&frame, light, water, camera, view.aspect(), (size, block_px, columns));
+    let content = judge.question("photon map", &asked);
+    let scene = judge.scene;
+    judge.references.answer(content.clone(), |references| {
+        let ReferenceCache { answers, geometry, .. } = references;
+        answers.answer(content, || {
+            let lighting = Lighting {
+                frame: &frame,
+                intensity_w_sr: light.intensity_w_sr,
+                water,
+                tracer: &geometry.tracer(scene, &Animation::default()),
+                camera,
+                aspect: view.aspect(),
+            };
+            PhotonMap::new(&lighting, size, columns).downsample(block_px)
+        })
+    })
 }
 
 #[cfg(test)]

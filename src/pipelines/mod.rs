@@ -19,7 +19,9 @@ pub mod volume_ao;
 pub mod voxelization;
 pub mod voxelize;
 
-use std::collections::BTreeMap;
+use std::any::Any;
+use std::collections::{BTreeMap, HashMap};
+use std::fmt::Debug;
 use std::ops::Deref;
 use std::rc::Rc;
 
@@ -31,9 +33,9 @@ use thiserror::Error;
 
 use caustics_image::{CausticsPair, IMAGE_ERROR};
 use fathom_base::parameter::{self, ParamError, ParamField, Setting};
-use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
+use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo, TimedStage};
 use fathom_record::{ErrorFigure, PictureScale, Work};
-use fathom_reference::cache::AnswerCache;
+use fathom_reference::cache::{AnswerCache, AnswerKey};
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
 use fathom_stages::geometry::Objects;
 use fathom_stages::kit::{PipelineParts, Resources};
@@ -187,6 +189,12 @@ pub struct Judge<'a> {
 }
 
 impl Judge<'_> {
+    /// The content of a question about the scene: its geometry and materials, and what else it is asked by.
+    fn question(&mut self, kind: &str, asked: &impl Debug) -> AnswerKey {
+        let scene = self.references.geometry.digest(self.scene);
+        AnswerKey::new(kind).with(scene.as_bytes()).with(format!("{asked:?}").as_bytes())
+    }
+
     pub fn wants_error(&self, error: &str) -> bool {
         self.requested.iter().any(|asked| asked == error)
     }
@@ -249,15 +257,32 @@ fn objects_of(scene: &Scene, part: Objects) -> Vec<Object> {
     scene.objects.iter().filter(|object| part.holds(&object.material)).cloned().collect()
 }
 
+/// Answers of the references, each computed once for all cells whose questions have the same content.
 #[derive(Default)]
 pub struct ReferenceCache {
     /// Those of earlier runs.
     pub answers: AnswerCache,
-    pub occlusion: occlusion::OcclusionCache,
-    pub maps: caustics_image::PhotonMapCache,
+    pub geometry: occlusion::GeometryCache,
+    /// Those of this run, by the digests of their questions' content.
+    known: HashMap<String, Rc<dyn Any>>,
 }
 
 impl ReferenceCache {
+    /// The answer to a question of this content, which is all that `compute` reads.
+    pub fn answer<T: 'static>(
+        &mut self,
+        content: AnswerKey,
+        compute: impl FnOnce(&mut Self) -> T,
+    ) -> Rc<T> {
+        let key = content.digest();
+        let known = self.known.get(&key).and_then(|known| Rc::clone(known).downcast().ok());
+        known.unwrap_or_else(|| {
+            let answer = Rc::new(compute(self));
+            self.known.insert(key, answer.clone());
+            answer
+        })
+    }
+
     /// With the folder of answers that lies beside the assets that were fetched.
     pub fn load() -> Self {
         let folder = assets::cache().map(|cache| cache.join("references"));
@@ -308,6 +333,18 @@ impl<P: PipelineInstance + ?Sized> BuiltPipeline<P> {
     /// In frame order.
     pub fn stages(&self) -> Vec<&Stage> {
         self.parts.stages.iter().map(AsRef::as_ref).collect()
+    }
+
+    /// Those of a frame up to the last of these, with the loop that it is in.
+    pub fn stages_up_to(&self, names: &[&str]) -> Vec<&Stage> {
+        let mut stages = self.stages();
+        let last = stages.iter().rposition(|stage| names.contains(&stage.name()));
+        let turns = last.map_or(1, |last| stages[last].iterations());
+        let end = last.map_or(0, |last| last + 1);
+        let in_loop = |stage: &&&Stage| turns > 1 && stage.iterations() == turns;
+        let end = end + stages[end..].iter().take_while(in_loop).count();
+        stages.truncate(end);
+        stages
     }
 
     pub fn allocated_bytes(&self) -> u64 {

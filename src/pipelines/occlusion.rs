@@ -1,6 +1,5 @@
 //! Ambient occlusion of a measured cell against rays cast from the same points, as figures and as a picture.
 
-use std::collections::HashMap;
 use std::rc::Rc;
 
 use glam::DVec3;
@@ -70,11 +69,9 @@ struct JudgedPoint {
 
 type JudgedPoints = Rc<Vec<JudgedPoint>>;
 
-/// Answers of the reference, each computed once, and the last scene's hierarchy.
+/// The last scene's hierarchy and digest.
 #[derive(Default)]
-pub struct OcclusionCache {
-    /// By the digest of the question's content.
-    points: HashMap<String, JudgedPoints>,
+pub struct GeometryCache {
     /// Of the last scene at a moment.
     tracer: Option<(Rc<Scene>, Animation, Rc<Tracer>)>,
     /// Of the last scene's geometry.
@@ -147,19 +144,20 @@ impl OcclusionBuffers {
         let question = self.question(judge.scene);
         let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
         let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
-        let ReferenceCache { answers, occlusion: known, .. } = &mut *judge.references;
-        let content = question.content(known.digest(judge.scene), [&depth, &normal], most, rays);
-        let key = content.clone().digest();
-        if let Some(points) = known.points.get(&key) {
-            return Ok((question, Rc::clone(points)));
-        }
-        let tracer = known.tracer(judge.scene, &question.animation);
-        let cast = || cast(&question, &tracer, (&depth, &normal), most, rays);
-        let points = Rc::new(answers.answer(content, cast));
+        let content = judge.question("occlusion", &(&question, most, rays));
+        let of_texels = |all: AnswerKey, one: &Pixels| all.with(bytemuck::cast_slice(&one.data));
+        let content = [&depth, &normal].into_iter().fold(content, of_texels);
+        let scene = judge.scene;
+        let points = judge.references.answer(content.clone(), |references| {
+            let ReferenceCache { answers, geometry, .. } = references;
+            answers.answer(content, || {
+                let tracer = geometry.tracer(scene, &question.animation);
+                cast(&question, &tracer, (&depth, &normal), most, rays)
+            })
+        });
         if points.is_empty() {
             return Err(JudgeError::Nothing);
         }
-        known.points.insert(key, Rc::clone(&points));
         Ok((question, points))
     }
 
@@ -183,7 +181,7 @@ impl OcclusionBuffers {
     }
 }
 
-impl OcclusionCache {
+impl GeometryCache {
     pub(super) fn digest(&mut self, scene: &Rc<Scene>) -> String {
         if let Some((known, digest)) = &self.digest
             && Rc::ptr_eq(known, scene)
@@ -222,7 +220,7 @@ pub fn exact(attenuation: Attenuation) -> reference::Obscurity {
     }
 }
 
-/// Of every triangle of a scene.
+/// Of every triangle of a scene, what it is of, and the box around them.
 fn digest(scene: &Scene) -> String {
     let of_object = |content: AnswerKey, object: &Object| {
         let mesh = &object.mesh;
@@ -230,8 +228,10 @@ fn digest(scene: &Scene) -> String {
             .with(bytemuck::cast_slice(&mesh.positions))
             .with(bytemuck::cast_slice(&mesh.normals))
             .with(bytemuck::cast_slice(&mesh.indices))
+            .with(format!("{:?}", object.material).as_bytes())
     };
-    scene.objects.iter().fold(AnswerKey::new("scene"), of_object).digest()
+    let bounds = AnswerKey::new("scene").with(format!("{:?}", scene.solid_bounds()).as_bytes());
+    scene.objects.iter().fold(bounds, of_object).digest()
 }
 
 fn motion_of(animation: &Animation) -> Option<Motion> {
@@ -256,13 +256,6 @@ fn move_object(object: &Object, motion: Motion, animation: &Animation) -> Object
 }
 
 impl OcclusionQuery {
-    /// All that the answer follows from: the question, the geometry, and what the G-buffer holds.
-    fn content(&self, scene: String, gbuffer: [&Pixels; 2], most: usize, rays: u32) -> AnswerKey {
-        let asked = format!("{self:?} {most} {rays}");
-        let content = AnswerKey::new("occlusion").with(scene.as_bytes()).with(asked.as_bytes());
-        gbuffer.iter().fold(content, |all, one| all.with(bytemuck::cast_slice(&one.data)))
-    }
-
     /// A by casting.
     fn occlusion(&self, tracer: &Tracer, position: DVec3, normal: DVec3, rays: u32) -> f64 {
         let r_max_m = self.r_max_m;

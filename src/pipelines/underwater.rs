@@ -123,7 +123,7 @@ impl PipelineInstance for Underwater {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.landing_errors(judge.gpu, judge.scene)
+        self.landing_errors(judge)
     }
 
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {

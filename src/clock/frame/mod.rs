@@ -30,4 +30,4 @@ pub(super) use scope::{FrameMode, Query, Recorder};
 pub use scope::{HostTime, StageScope};
 pub use stage::{StageTime, TimedStage};
 pub use targets::{ColorTarget, DepthTarget, Targets};
-pub use timer::{FrameSample, FrameTimer, HostCost, RejectedTime};
+pub use timer::{EncodeCost, FrameSample, FrameTimer, RejectedTime};

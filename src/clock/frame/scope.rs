@@ -180,26 +180,19 @@ impl Recorder {
     /// Submits all segments at once and waits for them.
     pub(crate) fn run(&mut self, gpu: &Device) -> Result<HostTime, DeviceError> {
         self.flush_host_writes(gpu)?;
+        let thread_ns_before = thread_ns();
         let before_ns = process_ns();
         let start_ns = HostClock::Wall.now_ns();
         let index = gpu.queue.submit(self.segments.drain(..).map(|segment| segment.commands));
+        let submit_ns = thread_ns() - thread_ns_before;
         gpu.wait_for(Some(index))?;
         let wall_ns = HostClock::Wall.now_ns() - start_ns + self.host_ns();
         let spent_ns = |before| process_ns().map(|after| after - before);
         Ok(HostTime {
             wall_ns,
             process_ns: before_ns.and_then(spent_ns).map(|ns| ns + self.host_ns()),
+            submit_ns,
         })
-    }
-
-    /// Submits all segments at once and waits for them. Returns what this thread took until the submission returned, in ns.
-    pub(super) fn submit(&mut self, gpu: &Device) -> Result<f64, DeviceError> {
-        self.flush_host_writes(gpu)?;
-        let start_ns = thread_ns();
-        let index = gpu.queue.submit(self.segments.drain(..).map(|segment| segment.commands));
-        let submit_ns = thread_ns() - start_ns;
-        gpu.wait_for(Some(index))?;
-        Ok(submit_ns)
     }
 
     /// Submits the segments one after the other, each waited for. Between them the cost of a submission is measured.
@@ -253,10 +246,12 @@ pub struct HostTime {
     pub wall_ns: f64,
     /// CPU time of this process, all threads together, without the time that other processes took. Unknown outside Linux.
     pub process_ns: Option<f64>,
+    /// What this thread took until the submission returned.
+    pub submit_ns: f64,
 }
 
 impl HostTime {
-    pub(super) fn time_ns(self, clock: HostClock) -> f64 {
+    pub fn time_ns(self, clock: HostClock) -> f64 {
         match clock {
             HostClock::Wall => self.wall_ns,
             HostClock::ProcessCpu => self.process_ns.unwrap_or(self.wall_ns),

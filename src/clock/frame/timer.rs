@@ -36,15 +36,13 @@ impl FrameSample {
     }
 }
 
-/// What the thread that encodes and submits takes for one frame, ns.
+/// What the thread that encodes takes for one frame, ns.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HostCost {
+pub struct EncodeCost {
     /// To encode each stage alone, up to the finished command buffer, in frame order.
     pub stages_ns: Vec<f64>,
     /// To encode the whole frame into one command buffer.
     pub frame_ns: f64,
-    /// Until its submission returns.
-    pub submit_ns: f64,
 }
 
 /// A stage's duration that was not accepted.
@@ -140,7 +138,7 @@ impl FrameTimer {
         Ok(self.on_host(gpu, stages)?.time_ns(HostClock::from_plan(&self.plan)))
     }
 
-    /// Runs one frame as [`Self::run_stages`] does and also reads the process's CPU time.
+    /// Runs one frame as [`Self::run_stages`] does and also reads the CPU time of the process, and of this thread for the submission.
     pub fn on_host<S: TimedStage + ?Sized>(
         &mut self,
         gpu: &Device,
@@ -168,13 +166,13 @@ impl FrameTimer {
         Ok(kinds)
     }
 
-    /// Encodes each stage alone and drops it, then encodes the whole frame and runs it. Times are of this thread. Each stage is
-    /// encoded once before, as the first ones find the caches cold after a frame of a software driver (twice their time).
-    pub fn host_cost<S: TimedStage + ?Sized>(
+    /// Encodes each stage alone, then the whole frame, and drops them. Times are of this thread. Each stage is encoded once before, as
+    /// the first ones find the caches cold after a frame of a software driver (twice their time).
+    pub fn encode_cost<S: TimedStage + ?Sized>(
         &mut self,
         gpu: &Device,
         stages: &[&S],
-    ) -> Result<HostCost, DeviceError> {
+    ) -> Result<EncodeCost, DeviceError> {
         let mut encode_ns = |stages: &[&S]| {
             let start_ns = thread_ns();
             let recorded = gpu.catch(|| self.recorder.record(gpu, FrameMode::Untimed, stages));
@@ -183,8 +181,8 @@ impl FrameTimer {
         stages.iter().try_for_each(|stage| encode_ns(&[stage]).map(drop))?;
         let stages_ns = stages.iter().map(|stage| encode_ns(&[stage])).collect::<Result<_, _>>()?;
         let frame_ns = encode_ns(stages)?;
-        let submit_ns = gpu.catch(|| self.recorder.submit(gpu))?;
-        Ok(HostCost { stages_ns, frame_ns, submit_ns })
+        self.recorder.reset();
+        Ok(EncodeCost { stages_ns, frame_ns })
     }
 
     /// Encodes a frame up to its finished command buffer, and drops it.

@@ -23,7 +23,7 @@ impl Underwater {
             IntensityRule::Paper => texels.map(|value| value * scale),
             IntensityRule::Conserving => {
                 let still = Animation::default();
-                let tracer = judge.references.occlusion.tracer(judge.scene, &still);
+                let tracer = judge.references.geometry.tracer(judge.scene, &still);
                 self.per_area(&texels, &tracer)
             }
         };

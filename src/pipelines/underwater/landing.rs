@@ -4,13 +4,11 @@ use std::collections::BTreeMap;
 
 use super::{GridSettings, Underwater};
 use crate::off_frustum::Frustum;
-use crate::{Errors, JudgeError, even_step, judged_view, share};
-use fathom_gpu::Gpu;
+use crate::settings::Animation;
+use crate::{Errors, Judge, JudgeError, even_step, judged_view, share};
 use fathom_record::ErrorFigure;
 use fathom_reference::photons::{Landing, PhotonGrid as ExactGrid, land_all};
 use fathom_reference::quantities::quantile;
-use fathom_reference::rays::Tracer;
-use fathom_scene::Scene;
 use fathom_stages::photon::{self, Fate, Photon, Photons};
 
 /// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
@@ -44,26 +42,29 @@ impl Underwater {
     /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
     /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise; the quantity
     /// `…_photon_leak_rate` as pipeline `photon_tracing` has it. Of large grids an even selection is compared.
-    pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, JudgeError> {
+    pub(super) fn landing_errors(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
+        let scene = judge.scene;
         let view = judged_view(&self.view, scene);
         let frame = view.light_frame();
-        let tracer = Tracer::new(&scene.objects);
+        let tracer = judge.references.geometry.tracer(scene, &Animation::default());
         let (mut errors, mut quantities) = (Vec::new(), BTreeMap::new());
         let frustum = Frustum::new(&tracer, &view, scene.solid_bounds().tank_scale());
         for (name, stage, settings, photons) in self.grids() {
             let GridSettings { grid: cells, offset, jitter, .. } = settings;
             let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
             let step = even_step(grid.count() as usize, MAX_PHOTONS);
-            let photons = photons.read(gpu)?;
+            let photons = photons.read(judge.gpu)?;
             let tolerance_m = settings.tolerance_m as f32;
             let unconverged = photons.iter().filter(
                 |p| matches!(p.fate(), Fate::Landed { residual_m } if residual_m > tolerance_m),
             );
             let unconverged_rate = unconverged.count() as f64 / photons.len() as f64;
             let judged: Vec<Photon> = photons.into_iter().step_by(step).collect();
-            let landings = land_all(&frame, &view.water, &tracer, grid, step);
+            let content = judge.question("landings", &(&frame, &view.water, grid, step));
+            let land = |_: &mut _| land_all(&frame, &view.water, &tracer, grid, step);
+            let landings = judge.references.answer(content, land);
             let mut found = Found::default();
-            judged.iter().zip(&landings).for_each(|(photon, exact)| found.add(photon, exact));
+            judged.iter().zip(&*landings).for_each(|(photon, exact)| found.add(photon, exact));
             let exact = landings.iter().map(|exact| exact.landed());
             let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
             let kept_out = pairs.filter(|(_, at)| frustum.is_hidden_entry(&at.hit, at.direction));
