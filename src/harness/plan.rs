@@ -193,11 +193,8 @@ fn planned_cell(
         let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;
         repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
     }
-    let skip = of_cell.limits_exceeded(capacity).map_err(error)?;
-    let declared_s = match &skip {
-        Some(_) => 0.0,
-        None => capacity.frame_time_s(&of_cell.plan().map_err(error)?.demand),
-    };
+    let foreseen = of_cell.forecast_s(capacity).map_err(error)?;
+    let (declared_s, skip) = (*foreseen.as_ref().unwrap_or(&0.0), foreseen.err());
     let (resume_key, subject) = (String::new(), of_cell);
     let mut planned =
         PlannedCell { plan, resume_key, subject, declared_s, skip, reference, views, repetitions };

@@ -31,10 +31,16 @@ pub struct Subject {
 impl Subject {
     /// What the parameters ask beyond `capacity`, with the numbers. Nothing is allocated.
     pub fn limits_exceeded(&self, capacity: &Capacity) -> Result<Option<String>, SubjectError> {
-        if self.too_large.is_some() {
-            return Ok(self.too_large.clone());
+        Ok(self.forecast_s(capacity)?.err())
+    }
+
+    /// What a frame is foreseen to take, seconds, or what is asked beyond `capacity`.
+    pub fn forecast_s(&self, capacity: &Capacity) -> Result<Result<f64, String>, SubjectError> {
+        if let Some(reason) = &self.too_large {
+            return Ok(Err(reason.clone()));
         }
-        Ok(capacity.check(&self.plan()?.demand).err())
+        let demand = self.plan()?.demand;
+        Ok(capacity.check(&demand).map(|()| capacity.frame_time_s(&demand)))
     }
 
     /// What the pipeline would make.
