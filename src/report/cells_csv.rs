@@ -26,6 +26,7 @@ pub const EXPORTER: RunExporter = Exporter {
 
 type CellField = fn(&RunCell<'_>) -> String;
 type StageField = fn(&StageRecord) -> String;
+type ErrorField = fn(&ErrorFigure) -> String;
 type FrameField = fn(&Measured) -> String;
 
 const CELL_COLUMNS: [(&str, CellField); 10] = [
@@ -62,7 +63,7 @@ const STAGE_COLUMNS: [(&str, StageField); 13] = [
 ];
 
 /// The first error that judges the stage's output: the others are among the quantities.
-const OF_ERROR: [(&str, fn(&ErrorFigure) -> String); 3] = [
+const OF_ERROR: [(&str, ErrorField); 3] = [
     ("error", |error| number(error.value)),
     ("error_name", |error| error.name.clone()),
     ("error_unit", |error| error.unit.clone()),
