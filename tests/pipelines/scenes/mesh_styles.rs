@@ -413,7 +413,7 @@ fn random_meshes_in_random_styles_are_the_plain_ones() {
     for seed in 0..10 * draws() {
         let mut random = Pcg64::seed_from_u64(seed);
         let shape = TestMesh::random(seed, &mut random);
-        let plain = load("a.obj", &Style(None).written(&shape, "a.obj")).unwrap();
+        let plain = load("a.obj", Style(None).written(&shape, "a.obj")).unwrap();
         let mut style = Style(Some(random));
         for name in ["a.obj", "a.ply"].into_iter().take(1 + seed as usize % 2) {
             let styled = style.written(&shape, name);
