@@ -22,7 +22,6 @@ use crate::process::take_size_limit_as_error;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
 use crate::record::{Feature, Mask, Part, Profile};
-use crate::text::nearest;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
@@ -442,16 +441,7 @@ fn not_parsed(error: clap::Error) -> ExitCode {
 fn one_line(message: &str) -> String {
     let lines = message.lines().map(str::trim);
     let head = lines.clone().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
-    let quoted = |text: &str| text.split('\'').nth(1).unwrap_or_default().to_owned();
-    // clap takes options for similar that have few letters in common.
-    let is_near = |tip: &str| {
-        let is_guess = tip.contains("a similar argument exists");
-        let [given, guess] = [&head, tip].map(|text| quoted(text).trim_matches('-').to_owned());
-        !is_guess || nearest(&given, [guess.as_str()]).is_some()
-    };
-    let is_of_use = |line: &&str| {
-        line.starts_with("tip:") && !line.contains(" as a value, use ") && is_near(line)
-    };
+    let is_of_use = |line: &&str| line.starts_with("tip:") && !line.contains(" as a value, use ");
     let tips = lines.filter(is_of_use);
     std::iter::once(head.as_str()).chain(tips).collect::<Vec<_>>().join("; ")
 }
