@@ -2,7 +2,7 @@
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use, Vulkan's validation layer, Chromium with axe-core for
-# the tests of the HTML page, jq, PyYAML and shellcheck for those of jobs, the validator of records, and what builds the worker in C++. Elsewhere it only says what it would do.
+# the tests of the HTML page, PyYAML and shellcheck for those of jobs, the validator of records, and what builds the worker in C++. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -27,14 +27,12 @@ want libvulkan1
 hardware_driver || want mesa-vulkan-drivers
 want glmark2-data
 want valgrind
-# A job of continuous integration writes a comment (scripts/ci/comment.sh).
-[ -z "${CI:-}" ] || { want curl; want jq; }
 [ "${1:-}" != test ] || {
     want mesa-vulkan-drivers; want chromium-common
     want vulkan-validationlayers
     want chromium; want chromium-driver
     want g++; want make; want libvulkan-dev; want glslang-tools; want nlohmann-json3-dev
-    want curl; want jq; want python3-yaml; want python3-jsonschema; want shellcheck
+    want python3-yaml; want python3-jsonschema; want shellcheck
 }
 
 install() {

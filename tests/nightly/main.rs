@@ -7,7 +7,6 @@ mod ceilings;
 mod common;
 mod embedded;
 mod jobs;
-mod jobs_server;
 mod machine;
 mod page;
 mod tint;
