@@ -9,6 +9,7 @@ use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use fathom::experiments::parse_set;
+use fathom::gpu::{Gpu, Options};
 use fathom::record::{self, Cell, Measured, Outcome, Record};
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;
@@ -52,6 +53,26 @@ impl Place {
         command.current_dir(&self.0);
         command
     }
+}
+
+pub fn gpu() -> Gpu {
+    Gpu::open(&Options::default())
+        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
+}
+
+/// An ignored test of this program, to be run in a process of its own.
+pub fn this_program(test: &str) -> Command {
+    let mut program = Command::new(std::env::current_exe().unwrap());
+    program.args(["--exact", test, "--ignored", "--nocapture"]);
+    program
+}
+
+/// Git in a folder, as someone.
+pub fn git(folder: impl AsRef<Path>) -> Command {
+    let mut git = Command::new("git");
+    git.args(["-c", "user.name=n", "-c", "user.email=n@example.org", "-c", "commit.gpgsign=false"]);
+    git.current_dir(folder);
+    git
 }
 
 /// Names of what a folder holds, sorted.

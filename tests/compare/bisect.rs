@@ -6,12 +6,12 @@ use std::process::Command;
 use serde_json::Value;
 
 use super::builds::CELLS;
-use super::common::{Ends, Place, holds};
+use super::common::{Ends, Place, git, holds};
 use super::script::{Script, hello, sample};
 
-const MANIFEST: &str = "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
+pub const MANIFEST: &str = "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
     [[bin]]\nname = \"fathom\"\npath = \"main.rs\"\n\n[workspace]\n";
-const LOCK: &str = "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n";
+pub const LOCK: &str = "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n";
 /// The answers to messages; HELLO and NS are put in.
 const MAIN: &str = r##"
 fn main() {
@@ -79,16 +79,11 @@ impl Commits {
 
     /// First line of a commit's message.
     fn subject(&self, commit: &str) -> String {
-        let mut git = Command::new("git");
-        git.args(["log", "-1", "--format=%s", commit]).current_dir(self.0.path(""));
-        String::from_utf8(git.output().unwrap().stdout).unwrap().trim().to_owned()
+        git(self.0.path("")).args(["log", "-1", "--format=%s", commit]).answer().trim().to_owned()
     }
 
     fn git(&self, arguments: &[&str]) {
-        let mut git = Command::new("git");
-        git.args(["-c", "user.name=Someone", "-c", "user.email=someone@example.org"]);
-        let status = git.args(arguments).current_dir(self.0.path("")).status().unwrap();
-        assert!(status.success(), "{arguments:?}");
+        git(self.0.path("")).args(arguments).ends(0);
     }
 
     fn bisect(&self, options: &str) -> Command {
@@ -161,8 +156,7 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
     // What a search leaves that is killed.
     history.git(&["worktree", "add", "--quiet", "--detach", "out/checkouts/left", "HEAD"]);
     assert_eq!(command.arg("--resume").ends(0).json(), found);
-    let mut worktrees = Command::new("git");
-    let worktrees = worktrees.args(["worktree", "list"]).current_dir(history.0.path("")).answer();
+    let worktrees = git(history.0.path("")).args(["worktree", "list"]).answer();
     assert_eq!(worktrees.lines().count(), 1, "{worktrees}");
 }
 
@@ -252,15 +246,8 @@ fn checkouts_have_their_submodules() {
     let module = Commits::with_commits(1, worker);
     let history = Commits::with_commits(1, |place, _| drop(place.write("cells.toml", CELLS)));
     let from = format!("file://{}", module.0.path("").display());
-    history.git(&[
-        "-c",
-        "protocol.file.allow=always",
-        "submodule",
-        "--quiet",
-        "add",
-        &from,
-        "module",
-    ]);
+    let add = "-c protocol.file.allow=always submodule --quiet add";
+    git(history.0.path("")).args(add.split(' ')).args([from.as_str(), "module"]).ends(0);
     history.commit(1, &["."]);
     history.commit(2, &["."]);
     let words = "bisect --good HEAD~1 --gates exact --cells-file cells.toml --out out --build-cmd : --cmd ./module/worker.sh";

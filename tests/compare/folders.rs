@@ -1,6 +1,6 @@
 //! What an interrupt ends at once.
 
-use super::bisect::Commits;
+use super::bisect::{Commits, LOCK, MANIFEST};
 use super::builds::{Builds, spawned};
 use super::common::{Ends, Place, names, signal};
 use super::script::Script;
@@ -36,13 +36,11 @@ const ENDLESS: &str = "fn main() {
 
 /// A crate whose build begins, and ends only when its worktree is gone.
 fn endless_repository() -> Place {
-    let manifest =
-        "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n";
     let files = [
-        ("Cargo.toml", manifest),
-        ("Cargo.lock", "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n"),
+        ("Cargo.toml", MANIFEST),
+        ("Cargo.lock", LOCK),
         (".gitignore", "/target\n"),
-        ("src/main.rs", "fn main() {}\n"),
+        ("main.rs", "fn main() {}\n"),
         ("build.rs", ENDLESS),
     ];
     let write =

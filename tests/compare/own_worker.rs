@@ -29,12 +29,8 @@ fn what_a_program_lacks_is_told_and_fails_nothing() {
         format!("python3 '{}' --counted | sed -u -e '{parts}' -e '{instead}'", worker.display());
     let place = Place::new();
     let mut compare = place.fathom("compare --launches 10 --pairs 2 --out out --cells-file");
-    compare.arg(example().join("cells.toml")).args([
-        "--base-cmd",
-        &command,
-        "--head-cmd",
-        &command,
-    ]);
+    compare.arg(example().join("cells.toml"));
+    compare.args(["--base-cmd", &command, "--head-cmd", &command]);
     let told = [
         "no regression",
         "2 same",

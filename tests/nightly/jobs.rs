@@ -9,9 +9,7 @@ use std::process::Command;
 
 use serde_json::{Value, json};
 
-use super::common::{Ends, Place, holds};
-
-const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+use super::common::{Ends, Place, git, holds};
 
 const WORKER: &str = "python3 worker.py --counted";
 /// As many as find a slowdown in two cells.
@@ -20,7 +18,7 @@ const LAUNCHES: &str = "8";
 const COMMENT: &str = "fathom-comment.md";
 
 fn root() -> &'static Path {
-    Path::new(ROOT)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
 /// A file of YAML, as PyYAML reads it.
@@ -74,10 +72,7 @@ impl Project {
     }
 
     fn git(&self, folder: &str, words: &str) {
-        let mut git = Command::new("git");
-        git.args(["-c", "user.name=t", "-c", "user.email=t@t", "-c", "commit.gpgsign=false"]);
-        let output = git.args(words.split(' ')).current_dir(self.place.path(folder)).ends(0);
-        drop(output);
+        git(self.path(folder)).args(words.split(' ')).ends(0);
     }
 
     fn commit(&self, folder: &str) {

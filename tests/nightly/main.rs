@@ -13,17 +13,4 @@ mod tint;
 mod validation;
 mod vulkan_worker;
 
-use std::process::Command;
-
-use fathom::gpu::{Gpu, Options};
-
-fn gpu() -> Gpu {
-    Gpu::open(&Options::default()).expect("a Vulkan driver")
-}
-
-/// An ignored test of this program, to be run in a process of its own.
-fn this_program(test: &str) -> Command {
-    let mut program = Command::new(std::env::current_exe().unwrap());
-    program.args(["--exact", test, "--ignored", "--nocapture"]);
-    program
-}
+use common::{gpu, this_program};

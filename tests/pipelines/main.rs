@@ -16,17 +16,12 @@ mod volume_ao;
 mod voxelize;
 
 use std::path::Path;
-use std::process::Command;
 
-use fathom::gpu::{Gpu, Options, Pixels};
+use common::{gpu, this_program};
+use fathom::gpu::{Gpu, Pixels};
 use fathom::parameter;
 use fathom::pipelines::{BuiltPipeline, Pipeline, PipelineKind};
 use fathom::scene::{Scene, SceneFile};
-
-fn gpu() -> Gpu {
-    Gpu::open(&Options::default())
-        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
-}
 
 /// What an ignored test of this program prints in a process of its own, with the drivers of one manifest. The loader chooses a
 /// driver once per process.
@@ -37,13 +32,6 @@ fn child(test: &str, manifest: &Path) -> String {
     let output = child.env_remove("WGPU_ADAPTER_NAME").output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-/// An ignored test of this program, to be run in a process of its own.
-fn this_program(test: &str) -> Command {
-    let mut program = Command::new(std::env::current_exe().unwrap());
-    program.args(["--exact", test, "--ignored", "--nocapture"]);
-    program
 }
 
 /// The scene, and the pipeline's parameters with some of them set, which the adapter can take.

@@ -114,7 +114,7 @@ fn listings_name_what_there_is() {
         ("parameters", ["water.refractive_index", "1.33"]),
         ("pipelines", ["underwater", "hsao"]),
         ("claims", ["caustics-trace-linear", "uw-photons"]),
-        ("exporters", ["csv", "cells.csv"]),
+        ("exporters", ["junit", "github-action-benchmark"]),
     ] {
         let rows = fathom(format!("list {what} --json")).ends(0).json();
         let rows = rows.as_array().unwrap();
@@ -125,7 +125,7 @@ fn listings_name_what_there_is() {
             assert!(rows.iter().any(is_named), "{name}: {rows:?}");
         }
     }
-    holds(&fathom("list exporters").answer(), &["csv", "cells.csv"]);
+    holds(&fathom("list exporters").answer(), &["csv", "cells.csv", "plots", "bencher"]);
     let all = fathom("list --json").ends(0).json();
     assert_eq!(all["pipelines"].as_array().unwrap().len(), fathom::pipelines::KINDS.len());
 }

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use crate::common::Array;
-use fathom::gpu::{Gpu, Options};
+use crate::common::{Array, array, gpu, sets};
+use fathom::gpu::Gpu;
 use fathom::harness::dump::dump;
 use fathom::harness::subject::Subjects;
 use glam::{DMat4, DVec3};
@@ -25,7 +25,7 @@ impl Dump {
     fn read(folder: &Path, stem: &str) -> Dump {
         let text = std::fs::read_to_string(folder.join(format!("{stem}.json"))).unwrap();
         Dump {
-            array: crate::common::array(&folder.join(format!("{stem}.npy"))),
+            array: array(&folder.join(format!("{stem}.npy"))),
             about: serde_json::from_str(&text).unwrap(),
         }
     }
@@ -66,7 +66,7 @@ fn dumps(gpu: &Gpu, set: &str) -> Dumps {
     // The paper's squares, of photons on a regular grid.
     let small = "view.width=200 view.height=200 caustics.grid=64 caustics.buffer=[128,128] \
         caustics.coverage=square caustics.jitter=0 godrays.grid=8";
-    let sets = crate::common::sets(&format!("{small} {set}"));
+    let sets = sets(&format!("{small} {set}"));
     let subject = Subjects::default().subject("underwater", "plane", &sets).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for stage in ["caustics/trace", "caustics/splat", "caustics/filter", "scene/gbuffer"] {
@@ -149,7 +149,7 @@ fn unit(dump: &Dump) -> &str {
 /// in view. The paper's counts each photon in every pixel of its splat, of which there are 25 at least.
 #[test]
 fn the_caustics_buffer_follows_from_its_dumps_in_the_units_that_they_tell() {
-    let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+    let gpu = gpu();
     for (set, of_energy) in [
         (format!("caustics.intensity=conserving {POINT_LIGHT}"), None),
         (format!("caustics.intensity=conserving {FROM_ABOVE} {POINT_LIGHT}"), Some("W/px")),
@@ -169,7 +169,7 @@ fn the_caustics_buffer_follows_from_its_dumps_in_the_units_that_they_tell() {
 /// The frustum's parts agree with each other and with where the photons enter.
 #[test]
 fn the_light_frustum_and_the_photons_belong_together() {
-    let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+    let gpu = gpu();
     let dumps = dumps(&gpu, "water.amplitude_m=0.0");
     let photons = &dumps.photons;
     assert_eq!(photons.array.shape, [64 * 64 * 4, 13]);

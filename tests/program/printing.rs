@@ -8,8 +8,6 @@ use fathom::record::comparison::Compared;
 
 use crate::common::{Ends, Place, SMALL, by_shell, cells, fathom, skipped_cell, write_records};
 
-type MakeStdio = fn() -> Stdio;
-
 /// A stream on a device that is always full.
 fn full() -> Stdio {
     let device = OpenOptions::new().write(true).open("/dev/full");
@@ -45,7 +43,7 @@ fn an_answer_on_a_full_disk_is_an_error_and_a_reader_that_has_had_enough_is_none
 
 #[test]
 fn reports_are_written_whatever_can_be_printed() {
-    let streams: [(&str, MakeStdio); 2] = [("full", full), ("unread", unread)];
+    let streams: [(&str, fn() -> Stdio); 2] = [("full", full), ("unread", unread)];
     for (name, stream) in streams {
         let place = recorded();
         place.fathom("report run").stdout(stream()).stderr(stream()).ends(0);

@@ -16,12 +16,8 @@ impl QueryTable {
         )
     }
 
-    fn text(&self, row: usize, column: &str) -> &str {
-        self.0[row].get(column).unwrap_or_else(|| panic!("no {column} in {:?}", self.0[row]))
-    }
-
     fn number(&self, row: usize, column: &str) -> f64 {
-        let text = self.text(row, column);
+        let text = &self.0[row][column];
         text.parse().unwrap_or_else(|_| panic!("{column} of row {row} is `{text}`"))
     }
 }

@@ -1,4 +1,4 @@
-//! `fathom export`, `fathom schema` and `fathom list exporters` as a user meets them.
+//! `fathom export` and `fathom schema` as a user meets them.
 
 use crate::common::{Ends, Place, fathom, holds, names, own_cell, skipped_cell, write_records};
 use fathom::record::comparison::Compared;
@@ -101,11 +101,7 @@ fn what_cannot_be_exported_is_one_clear_line() {
 }
 
 #[test]
-fn exporters_and_schemas_are_told() {
-    let listed = fathom("list exporters").answer();
-    for format in ["csv", "plots", "junit", "bencher", "github-action-benchmark"] {
-        assert!(listed.lines().any(|line| line.trim_start().starts_with(format)), "{format}");
-    }
+fn schemas_are_told() {
     for (words, kind) in [("schema", LineKind::Record), ("schema worker", LineKind::Worker)] {
         assert_eq!(fathom(words).ends(0).json(), kind.schema());
     }

@@ -1,7 +1,6 @@
 //! Runs and repositories that were never measured.
 
 use std::path::PathBuf;
-use std::process::Command;
 
 use fathom::record::{
     Adapter, Ceiling, Clock, ErrorFigure, FrameRecord, Limit, Measured, Outcome, Record, Run,
@@ -10,7 +9,7 @@ use fathom::record::{
 use fathom::statistics::estimate;
 use serde_json::json;
 
-use crate::common::{lines, own_cell};
+use crate::common::{Ends, git, lines, own_cell};
 
 pub const CELLS: usize = 3;
 /// Frame, a stage and an error.
@@ -78,24 +77,15 @@ pub struct Repository {
 impl Repository {
     pub fn new(folder: PathBuf, days: usize) -> Repository {
         std::fs::create_dir_all(&folder).unwrap();
-        let repository = Repository { folder, commits: Vec::new() };
-        repository.git(&["init", "--quiet", "--initial-branch", "main"], "");
+        git(&folder).args(["init", "--quiet", "--initial-branch", "main"]).ends(0);
         let commits = (0..days).map(|day| {
             let date = format!("2026-{:02}-{:02}T12:00:00Z", 1 + day / 28, 1 + day % 28);
-            repository.git(&["commit", "--quiet", "--allow-empty", "--message", "day"], &date);
-            repository.git(&["rev-parse", "HEAD"], "")
+            let mut commit = git(&folder);
+            commit.envs(["AUTHOR", "COMMITTER"].map(|who| (format!("GIT_{who}_DATE"), &date)));
+            commit.args(["commit", "--quiet", "--allow-empty", "--message", "day"]).ends(0);
+            git(&folder).args(["rev-parse", "HEAD"]).answer().trim().to_owned()
         });
         let commits = commits.collect();
-        Repository { commits, ..repository }
-    }
-
-    fn git(&self, arguments: &[&str], date: &str) -> String {
-        let someone = ["-c", "user.name=n", "-c", "user.email=n@example.org"];
-        let mut git = Command::new("git");
-        git.arg("-C").arg(&self.folder).args(someone);
-        git.args(arguments).envs([("GIT_AUTHOR_DATE", date), ("GIT_COMMITTER_DATE", date)]);
-        let output = git.output().unwrap();
-        assert!(output.status.success(), "{output:?}");
-        String::from_utf8(output.stdout).unwrap().trim().to_owned()
+        Repository { folder, commits }
     }
 }
