@@ -85,8 +85,9 @@ impl History {
 
     /// Whether the tables are there, in this build's format.
     fn is_made(&self) -> anyhow::Result<bool> {
-        let made = is_made(&self.connection);
-        made.with_context(|| named(&self.path))
+        // The library's message of a damaged table may quote lines of it.
+        let quoted = |error| anyhow!("{}: {}", named(&self.path), line(&format!("{error:#}")));
+        is_made(&self.connection).map_err(quoted)
     }
 
     /// Stores a run, all or nothing. The same run again changes nothing.
