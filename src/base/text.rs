@@ -175,7 +175,7 @@ pub fn check_length(what: &str, name: &str) -> Result<(), String> {
     }
 }
 
-/// Rows whose cells stand below one another, but for the last and those wider than [`COLUMN_WIDTH`].
+/// Rows whose cells stand below one another, but for the last and those wider than `COLUMN_WIDTH`.
 pub fn columns<R: AsRef<[String]>>(rows: &[R]) -> Vec<String> {
     let rows = || rows.iter().map(AsRef::as_ref);
     let width = |cell: &str| cell.chars().count().min(COLUMN_WIDTH);

@@ -15,7 +15,7 @@ fn first_present<'p>(pipeline: &'p AnyPipeline, stages: &[String]) -> Option<&'p
     stages.iter().find_map(|name| present.iter().find(|stage| stage.name() == name)).copied()
 }
 
-/// Runs a frame as far as [`image`] of each of these lists of stages needs it.
+/// Runs a frame as far as [`image()`] of each of these lists of stages needs it.
 pub fn run_to(
     gpu: &Gpu,
     timer: &mut FrameTimer,

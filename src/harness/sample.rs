@@ -12,7 +12,7 @@
 //! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline. What was
 //! foreseen may be wrong: once the deadline is over no further step begins, be it a frame or the reading of a cell's figures.
 //!
-//! What cells have is handed to [`Executor::save`] after their first visit and every [`KEEP_INTERVAL_S`], so that a run that ends at any
+//! What cells have is handed to [`Executor::save`] after their first visit and every `KEEP_INTERVAL_S`, so that a run that ends at any
 //! moment can be gone on with: a cell begins with what [`Executor::earlier_samples`] has of it.
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].

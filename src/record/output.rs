@@ -126,7 +126,7 @@ impl LockedFolder {
         Ok(locked)
     }
 
-    /// Takes the folder that is asked for, else one in [`default_folder`] that is named after this and the time.
+    /// Takes the folder that is asked for, else one in `default_folder` that is named after this and the time.
     pub fn lock_named(folder: Option<&Path>, name: &str) -> Result<Self, OutputError> {
         let fresh = || format!("{name}-{}", calendar::compact(Timestamp::now()));
         let default = || default_folder(Path::new("")).join(fresh());
@@ -184,7 +184,7 @@ fn default_folder(current: &Path) -> PathBuf {
 
 impl Recording {
     /// Makes the folder and tries that it can be written to, before anything is measured. Without
-    /// `asked` a new folder under [`default_folder`] is named after the adapter, the profile and the time.
+    /// `asked` a new folder under `default_folder` is named after the adapter, the profile and the time.
     pub fn create(
         asked: Option<&Path>,
         adapter: &str,
@@ -193,7 +193,7 @@ impl Recording {
         Self::open_run(LockedFolder::lock_named(asked, &name(adapter, profile))?)
     }
 
-    /// The folder of the run to resume: `asked`, or the latest under [`default_folder`].
+    /// The folder of the run to resume: `asked`, or the latest under `default_folder`.
     pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
         let path = default_folder(Path::new(""));
         let folder = asked.map(Path::to_owned).or_else(|| latest(&path));

@@ -74,7 +74,7 @@ impl Scale {
         })
     }
 
-    /// A linear scale about the values, of at least [`MIN_SPREAD`] of them, so that the eye does not take noise for steps; none
+    /// A linear scale about the values, of at least `MIN_SPREAD` of them, so that the eye does not take noise for steps; none
     /// where no value is finite.
     pub fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;

@@ -45,7 +45,7 @@ pub fn reader(path: &Path) -> Option<Reader> {
 }
 
 impl Mesh {
-    /// Reads a mesh by the ending of its name: [`ENDINGS`], each plain or compressed by gzip with `.gz` after it.
+    /// Reads a mesh by the ending of its name: `ENDINGS`, each plain or compressed by gzip with `.gz` after it.
     pub fn read(path: &Path) -> Result<Mesh, String> {
         let mut mesh = Mesh::default();
         read_parts(path, MAX_TRIANGLES)?.iter().for_each(|part| mesh.append(&part.mesh));

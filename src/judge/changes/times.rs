@@ -2,7 +2,7 @@
 //!
 //! - What all stages have in common, the median of their ratios, is taken off and told once.
 //! - How far ratios scatter about that where nothing changed, the runs tell themselves, as most stages did not change: the median
-//!   distance from the common ratio gives the scale of an empirical null (Efron, *J. Am. Stat. Assoc.* 99 (2004)) with [`TAILS`].
+//!   distance from the common ratio gives the scale of an empirical null (Efron, *J. Am. Stat. Assoc.* 99 (2004)) with `TAILS`.
 //! - A stage is judged by the median of its ratios over all cells. It is listed if its probability under the null is small among all
 //!   stages ([`benjamini_hochberg`]): about 5 % of what is listed is there by chance.
 //! - A time in one cell, of a stage that is not listed, is judged among all times by the same rule. It is listed only if the 95 %
