@@ -1,7 +1,5 @@
 //! Answers of references that are kept for later cells, and frames that end with the stage that is read.
 
-use std::collections::BTreeMap;
-
 use fathom::Catalog;
 use fathom::gpu::{ClockPlan, FrameTimer, SubmitCost};
 use fathom::harness::difference::{image, run_to};
@@ -34,15 +32,15 @@ fn a_kept_answer_is_that_of_its_own_question() {
     let (gpu, mut subjects) = (gpu(), Subjects::new(&Catalog::builtin()).silent());
     for (of, small, changes, _) in CASES {
         let (pipeline, scene) = of.split_once(' ').unwrap();
-        let (mut kept, mut answers) = (ReferenceCache::default(), BTreeMap::new());
+        let (mut kept, mut answers) =
+            (ReferenceCache::default(), std::collections::BTreeMap::new());
         let changes: Vec<&str> = std::iter::once("").chain(changes.split_whitespace()).collect();
         for change in changes.iter().chain(&changes) {
             let settings = sets(&format!("{small} {change}"));
             let subject = subjects.subject(pipeline, scene, &settings).unwrap();
-            let frame = subject.build(&gpu).unwrap();
+            let (frame, scene) = (subject.build(&gpu).unwrap(), &subject.scene);
             gpu.run(&frame.stages()).unwrap();
             let judged = |references: &mut ReferenceCache| {
-                let scene = &subject.scene;
                 let judge = &mut Judge { gpu: &gpu, scene, references, requested: &[] };
                 let judged = frame.judge(judge).unwrap();
                 format!("{:?} {:?}", judged.errors, judged.quantities)
