@@ -7,7 +7,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RUNS = {"llvmpipe, small sizes": "llvmpipe", "NVIDIA H100, published sizes": "nvidia-h100"}
 # Label, and where the figure stands in a summary.
 ROWS = [
-    ("verdict on the run", r"^\W*((?:quiet|noisy|drifting)[^\n`|]*?)`?\W*$"),
+    ("verdict on the run", r"^\W*((?:quiet|noisy|drifting)[^\n`|;]*)"),
     ("claims of the papers", r"claims of the papers\W+(\d[^\n|]*?of \d+)"),
     ("own hypotheses", r"own hypotheses\W+(\d[^\n|]*?of \d+)"),
     ("exponent of `godrays/lines` over photons", r"\| godrays/lines \| godray photons \| ([^|]+?) \|"),
