@@ -22,7 +22,9 @@ use super::rank;
 use super::store::Comparison;
 use fathom_base::statistics::{Estimate, mean, median};
 use fathom_record::ThrottleReason;
-use fathom_record::comparison::{CellId, ComparisonHeader, GateSettings, MAX_PAIRS, Pair};
+use fathom_record::comparison::{
+    CellId, ComparisonHeader, GateSettings, MAX_LAUNCHES, MAX_PAIRS, Pair,
+};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TimeVerdict {
@@ -98,11 +100,11 @@ impl CellTime {
         }
     }
 
-    /// Launches that it would have had if the look had not settled it.
+    /// Launches that it would have had if the look had not settled it. A damaged file may ask for any number.
     fn max_launches(&self, settings: &GateSettings) -> usize {
         let n = self.launches.len();
         let is_settled = !self.second && self.verdict == TimeVerdict::Same && n == LOOK as usize;
-        if is_settled { n.max(settings.launches as usize) } else { n }
+        if is_settled { n.max(settings.launches.min(MAX_LAUNCHES) as usize) } else { n }
     }
 
     /// Standard deviation of a launch's ratio, as a share.

@@ -392,6 +392,9 @@ fn cells_that_the_first_launches_settle_are_left_out_and_a_slower_one_stays() {
     }
     assert_eq!(gate.cells[3].verdict, TimeVerdict::Slower);
     assert_eq!(alarms(&gate), 1);
+    let first = gate.cells.iter().find(|cell| settled.contains(&cell.cell)).unwrap();
+    let damaged = GateSettings { launches: u32::MAX, ..settings() };
+    assert_eq!(first.max_launches(&damaged), MAX_LAUNCHES as usize);
 }
 
 #[test]
