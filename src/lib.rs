@@ -13,12 +13,12 @@
 //! // Which passes' timestamps can be trusted on this adapter.
 //! let clock = audit(&gpu)?;
 //! let set = [("view.width".to_owned(), 256.into()), ("view.height".to_owned(), 256.into())];
-//! let subject = Subjects::of(&Catalog::builtin()).subject("hsao", "tank", &set)?;
+//! let subject = Subjects::new(&Catalog::builtin()).subject("hsao", "tank", &set)?;
 //! let pipeline = subject.build(&gpu)?;
 //! let mut timer = FrameTimer::new(&gpu, clock.plan, MAX_PASSES)?;
 //! // The first frame compiles the shaders.
-//! timer.untimed(&gpu, &pipeline.stages())?;
-//! for stage in timer.timed(&gpu, &pipeline.stages())?.stages {
+//! timer.run_stages(&gpu, &pipeline.stages())?;
+//! for stage in timer.time_stages(&gpu, &pipeline.stages())?.stages {
 //!     println!("{}: {:.3} ms", stage.stage, stage.at_least_resolution_ns() / 1e6);
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
