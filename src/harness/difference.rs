@@ -24,8 +24,7 @@ pub fn run_to(
 ) -> Result<()> {
     let read: Vec<&str> =
         outputs.iter().filter_map(|stages| Some(first_present(pipeline, stages)?.name())).collect();
-    timer.run_stages(gpu, &pipeline.stages_up_to(&read))?;
-    Ok(())
+    Ok(timer.run_stages(gpu, &pipeline.stages_up_to(&read)).map(drop)?)
 }
 
 /// Texels of the first texture that the first present of the named stages leaves.

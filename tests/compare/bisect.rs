@@ -101,9 +101,9 @@ fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build()
     let times = [USUAL, USUAL, BROKEN, USUAL, USUAL, SLOWER, SLOWER, SLOWER, SLOWER];
     let history = Commits::new(&times);
     let output = history.bisect("--good HEAD~8").ends(0);
-    let found: Value = serde_json::from_str(&output.out).unwrap();
-    let answer = &found["answer"];
-    assert_eq!(found["count"], 8);
+    let report: Value = serde_json::from_str(&output.out).unwrap();
+    let answer = &report["answer"];
+    assert_eq!(report["count"], 8);
     let commit = answer["first"].as_str().unwrap();
     assert_eq!(history.subject(commit), "Change 5");
     assert!(answer["probability"].as_f64().unwrap() >= 0.95, "{answer}");

@@ -123,14 +123,14 @@ fn noise_comes_first_and_a_change_that_it_says_can_be_seen_is_listed() {
 #[test]
 fn no_stage_is_called_slower_where_a_run_is_noisy() {
     let mut head = again(|stage| if stage == "caustics/trace" { 1.5 } else { 1.0 });
-    let told = |head: &[Record]| changes(fixtures::run(), head.to_vec()).into_text();
-    assert!(told(&head).contains("caustics/trace slower"));
+    let compare = |head: &[Record]| changes(fixtures::run(), head.to_vec()).into_text();
+    assert!(compare(&head).contains("caustics/trace slower"));
     for measured in fixtures::cells(&mut head).filter_map(Cell::measured_mut) {
         let samples = measured.frame.untimed_samples_ns.iter_mut().enumerate();
         samples.for_each(|(at, ns)| *ns *= if at % 2 == 0 { 0.7 } else { 1.4 });
     }
-    let told = told(&head);
-    assert!(told.contains("cannot be judged") && !told.contains("caustics/trace slower"), "{told}");
+    let text = compare(&head);
+    assert!(text.contains("cannot be judged") && !text.contains("caustics/trace slower"), "{text}");
 }
 
 #[test]
