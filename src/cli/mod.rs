@@ -22,7 +22,7 @@ use crate::process::take_size_limit_as_error;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
 use crate::record::{Feature, Mask, Part, Profile};
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
 use strum::IntoEnumIterator;
@@ -429,7 +429,7 @@ fn not_parsed(error: clap::Error) -> ExitCode {
     {
         print::failed_if(error.print());
     } else {
-        print::note(one_line(&error.render().to_string()));
+        print::note(one_line(&error.render().to_string(), tip_fits(&error)));
     }
     match error.exit_code() {
         0 => exit_status(Ok(ExitCode::SUCCESS)),
@@ -437,11 +437,23 @@ fn not_parsed(error: clap::Error) -> ExitCode {
     }
 }
 
-/// clap's message without its usage: up to the first empty line, and its tips.
-fn one_line(message: &str) -> String {
+/// Whether clap's guess at the option that was meant begins as the one that was written: it also guesses `--allow-large` for
+/// `--parallel`.
+fn tip_fits(error: &clap::Error) -> bool {
+    let initial = |kind| match error.get(kind) {
+        Some(ContextValue::String(option)) => option.trim_start_matches('-').chars().next(),
+        _ => None,
+    };
+    let meant = initial(ContextKind::SuggestedArg);
+    meant.is_none() || meant == initial(ContextKind::InvalidArg)
+}
+
+/// clap's message without its usage: up to the first empty line, and its tips if they fit.
+fn one_line(message: &str, tip_fits: bool) -> String {
     let lines = message.lines().map(str::trim);
     let head = lines.clone().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
-    let is_of_use = |line: &&str| line.starts_with("tip:") && !line.contains(" as a value, use ");
+    let is_of_use =
+        |line: &&str| tip_fits && line.starts_with("tip:") && !line.contains(" as a value, use ");
     let tips = lines.filter(is_of_use);
     std::iter::once(head.as_str()).chain(tips).collect::<Vec<_>>().join("; ")
 }

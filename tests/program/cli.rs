@@ -25,6 +25,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run --set nothing", "not of the form PATH=VALUE"),
         ("run --profile qick", "'quick'"),
         ("run --budget 0", "a time above 0 is needed, such as 90s"),
+        ("run --parallel 3", "unexpected argument '--parallel' found\n"),
         ("rum", "'run'"),
         ("export cvs no/such/folder", "unknown format `cvs`; did you mean `csv`?"),
         ("render tnk", "did you mean `tank`"),
