@@ -172,7 +172,8 @@ fn command_lines_that_documents_show_run() {
     let mut failed = Vec::new();
     for CommandLine { document, words, .. } in shown().into_iter().filter(|line| !line.is_inline) {
         let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
-        command.args(&words[1..]).current_dir(place.path("clone"));
+        // A release is checked out by its tag, on no branch.
+        command.args(&words[1..]).current_dir(place.path("clone")).env("GITHUB_REF_NAME", "main");
         let limits = Limits { time: Some(Duration::from_secs(seconds)), interrupted: None };
         if let Err(ProcessError::Failed { status, complaint }) =
             process::run(&mut command, limits, &mut |_| ())
