@@ -133,8 +133,7 @@ impl ReportFolders {
         let mut errors = Vec::new();
         for folder in folders {
             if let Err(error) = all.add(folder) {
-                let reason = private::redact(&format!("{error:#}"));
-                all.left_out.push(SkippedInput::new(private::path(folder), reason));
+                all.left_out.push(SkippedInput::new(private::path(folder), format!("{error:#}")));
                 errors.push(error);
             }
         }

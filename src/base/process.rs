@@ -1,15 +1,10 @@
-//! Child processes with limits: of their time, of what is kept of their words, and of what outlives them.
-//!
-//! On Linux nothing that a child has started outlives it, or this process, however either ends (see `guardian`).
-
-#[cfg(target_os = "linux")]
-mod guardian;
+//! Child processes with limits: of their time, and of what is kept of their words. Each has a process group of its own, which ends with it.
 
 use std::collections::VecDeque;
 use std::fmt;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -18,15 +13,11 @@ use std::time::{Duration, Instant};
 use itertools::Itertools;
 use thiserror::Error;
 
-use crate::input::{LineEnd, next_line};
 use crate::text;
 
 /// Longest time of a tool that may check out a repository or download 200 MB, more than any asset's package, at 3 Mbit/s.
-pub const TOOL_TIME: Duration = Duration::from_secs(600);
-/// Most bytes that a command may answer: 100 times the queue of 1000 tasks.
-const MAX_ANSWER: u64 = 16 << 20;
-/// Bytes that are kept of a line of complaint, and lines: together 10 KiB.
-const MAX_LINE: usize = 512;
+const TOOL_TIME: Duration = Duration::from_secs(600);
+/// Lines of complaint that are kept.
 const LAST_LINES: usize = 20;
 /// Lines that may wait to be told. A process that writes more waits for its reader.
 const LINES_AHEAD: usize = 64;
@@ -37,35 +28,24 @@ const POLL: Duration = Duration::from_millis(2);
 /// How long a killed process is waited for: one within a call of the system that does not end outlasts its kill.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A child with all processes that it has started. They end with it, with the calling thread, or when this is dropped.
+/// A child with the processes of its group. They end when this is dropped.
 pub struct ProcessTree {
-    child: Child,
-    /// Of the command itself.
-    id: u32,
-    pub stdin: Option<ChildStdin>,
-    pub stdout: Option<ChildStdout>,
-    pub stderr: Option<ChildStderr>,
+    pub child: Child,
+    /// Number of its group, until that is killed.
+    group: Option<u32>,
 }
 
 impl ProcessTree {
-    /// Starts a command, once. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
+    /// Starts a command. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
-        #[cfg(target_os = "linux")]
-        guardian::set(command);
-        let mut child = command.spawn()?;
-        #[cfg(target_os = "linux")]
-        let id = guardian::guarded_child(child.id()).unwrap_or(child.id());
-        #[cfg(not(target_os = "linux"))]
-        let id = child.id();
-        let (stdin, stdout, stderr) =
-            (child.stdin.take(), child.stdout.take(), child.stderr.take());
-        Ok(Self { child, id, stdin, stdout, stderr })
+        let child = command.spawn()?;
+        Ok(Self { group: Some(child.id()), child })
     }
 
     pub fn id(&self) -> u32 {
-        self.id
+        self.child.id()
     }
 
     /// Its status, if it ends within this time.
@@ -79,18 +59,27 @@ impl ProcessTree {
         }
     }
 
-    /// Ends it and all that it has started.
+    /// Ends it and its group, of which some may outlive it.
     pub fn kill(&mut self) {
-        self.stdin = None;
-        if matches!(self.child.try_wait(), Ok(None)) {
-            #[cfg(target_os = "linux")]
-            guardian::end(self.child.id());
-            #[cfg(not(target_os = "linux"))]
+        self.child.stdin = None;
+        if let Some(group) = self.group.take() {
+            kill_group(group);
             let _ = self.child.kill();
             let _ = self.status_within(SHUTDOWN_TIMEOUT);
         }
     }
 }
+
+#[cfg(unix)]
+fn kill_group(group: u32) {
+    // SAFETY: it takes two numbers.
+    unsafe {
+        libc::killpg(group as libc::pid_t, libc::SIGKILL);
+    }
+}
+
+#[cfg(not(unix))]
+fn kill_group(_: u32) {}
 
 impl Drop for ProcessTree {
     fn drop(&mut self) {
@@ -105,8 +94,6 @@ pub enum ProcessError {
     Start(io::Error),
     #[error("it did not end within {} s and was killed", .0.as_secs_f64())]
     Hung(Duration),
-    #[error("it answered more than {} MiB and was killed", MAX_ANSWER >> 20)]
-    Flooded,
     #[error("it was interrupted")]
     Interrupted,
     #[error("{}", failure(.status, .complaint))]
@@ -141,8 +128,7 @@ impl Limits<'_> {
 
 enum ChildStream {
     Stderr(String),
-    /// Standard output; none where it was too much.
-    Stdout(io::Result<Option<Vec<u8>>>),
+    Stdout(io::Result<Vec<u8>>),
 }
 
 /// Runs a command to its end and gives its standard output, if it ended well. `tell` takes each line of its standard error.
@@ -164,8 +150,10 @@ pub fn run(
                 tell(&line);
                 complaint.add(line);
             }
-            Ok(ChildStream::Stdout(read)) => {
-                answer = read.map_err(ProcessError::Io)?.ok_or(ProcessError::Flooded)?;
+            Ok(ChildStream::Stdout(read)) => answer = read.map_err(ProcessError::Io)?,
+            // What it has left behind may hold its output open.
+            Err(RecvTimeoutError::Timeout) if matches!(tree.child.try_wait(), Ok(Some(_))) => {
+                tree.kill();
             }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
@@ -210,33 +198,27 @@ pub fn take_size_limit_as_error() {
     }
 }
 
-/// Reads both outputs in threads. They end with the process, as nothing is left that could hold its pipes open.
+/// Reads both outputs in threads.
 fn listen(tree: &mut ProcessTree, said: SyncSender<ChildStream>) {
-    if let Some(output) = tree.stdout.take() {
+    if let Some(mut output) = tree.child.stdout.take() {
         let said = said.clone();
-        std::thread::spawn(move || said.send(ChildStream::Stdout(read_stdout(output))));
+        std::thread::spawn(move || {
+            let mut bytes = Vec::new();
+            let read = output.read_to_end(&mut bytes);
+            said.send(ChildStream::Stdout(read.map(|_| bytes)))
+        });
     }
-    if let Some(output) = tree.stderr.take() {
+    if let Some(output) = tree.child.stderr.take() {
         std::thread::spawn(move || {
             each_line(output, |line| said.send(ChildStream::Stderr(line)).is_ok());
         });
     }
 }
 
-fn read_stdout(output: impl Read) -> io::Result<Option<Vec<u8>>> {
-    let mut bytes = Vec::new();
-    let read = output.take(MAX_ANSWER + 1).read_to_end(&mut bytes)?;
-    Ok((read as u64 <= MAX_ANSWER).then_some(bytes))
-}
-
-/// Hands on the lines that hold anything, of long ones the beginning, until `take` wants no more.
+/// Hands on the lines that hold anything, until `take` wants no more.
 fn each_line(output: impl Read, mut take: impl FnMut(String) -> bool) {
-    let (mut source, mut bytes) = (BufReader::new(output), Vec::new());
-    while let Ok(Some(end)) = next_line(&mut source, MAX_LINE, &mut bytes) {
-        let mut line = text::line(String::from_utf8_lossy(&bytes).trim_end());
-        if end == LineEnd::TooLong {
-            line.push('…');
-        }
+    for bytes in BufReader::new(output).split(b'\n').map_while(Result::ok) {
+        let line = text::line(String::from_utf8_lossy(&bytes).trim_end());
         if !line.is_empty() && !take(line) {
             return;
         }

@@ -7,17 +7,16 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::build;
-use super::candidates::{BuiltCandidate, Candidate, CandidateBuilder, SearchSpace};
+use super::candidates::{Candidate, CandidateBuilder, SearchSpace};
 use super::cells::Gates;
-use super::flow::{self, CompareOptions};
-use super::launch::ReplyWait;
+use super::flow::{self, CompareOptions, Program};
 use super::settings;
 use fathom_base::text;
 use fathom_gpu as gpu;
@@ -257,18 +256,23 @@ pub fn bisect(
         settings::store(out, &settings)?;
     }
     let good = candidates.remove(0);
-    let flags = [interrupted];
-    let waiting = ReplyWait { interrupted: &flags, report };
     let (target, checkouts) = (options.catalog.program, out.join(CHECKOUTS));
     build::remove_stale(folder, &checkouts, "");
-    let (gpu, built) = (gpu.clone(), RefCell::default());
-    let maker = CandidateBuilder { searched, folder, target, gpu, checkouts, waiting, built };
+    let maker = CandidateBuilder {
+        searched,
+        folder,
+        target,
+        gpu: gpu.clone(),
+        checkouts,
+        interrupted,
+        report,
+        built: RefCell::default(),
+    };
     let base = maker.make(&good)?;
-    let run = Bisection { options, out, candidates: &candidates, base, good, maker, waiting };
+    let run = Bisection { options, out, candidates: &candidates, base, maker };
     let (ends, regressed, others) = run.ends()?;
     let answer = regressed.map(|regressed| run.search(regressed, others)).transpose()?;
-    let (good, noun) = (run.good.label.clone(), searched.noun());
-    Ok(BisectSummary { good, noun, answer, ends, candidates })
+    Ok(BisectSummary { good: good.label, noun: searched.noun(), answer, ends, candidates })
 }
 
 struct Bisection<'a> {
@@ -276,10 +280,8 @@ struct Bisection<'a> {
     out: &'a Path,
     /// Without the good one.
     candidates: &'a [Candidate],
-    good: Candidate,
-    base: BuiltCandidate,
+    base: Program,
     maker: CandidateBuilder<'a>,
-    waiting: ReplyWait<'a>,
 }
 
 impl Bisection<'_> {
@@ -302,7 +304,7 @@ impl Bisection<'_> {
         let head = self.maker.make(candidate)?;
         let options = CompareOptions {
             catalog: self.options.catalog.clone(),
-            programs: [self.base.program.clone(), head.program.clone()],
+            programs: [self.base.clone(), head],
             cells_file: self.options.cells_file.clone(),
             filter,
             env_values: false,
@@ -310,13 +312,16 @@ impl Bisection<'_> {
             resume: begun,
             checkout: None,
         };
-        let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
         let locked = flow::lock_output(Some(&folder), "", begun)?;
-        flow::measure(&options, locked, interrupted, self.waiting.report)?;
-        if self.waiting.is_interrupted() {
-            bail!("interrupted; `--resume` goes on");
-        }
+        flow::measure(&options, locked, self.maker.interrupted, self.maker.report)?;
+        self.check_interrupt()?;
         Comparison::read(&folder)
+    }
+
+    fn check_interrupt(&self) -> Result<()> {
+        let interrupted = self.maker.interrupted.load(Ordering::Relaxed);
+        ensure!(!interrupted, "interrupted; `--resume` goes on");
+        Ok(())
     }
 
     /// What regressed most between the ends, if anything did, and what else.
@@ -325,10 +330,7 @@ impl Bisection<'_> {
         let filter = self.options.filter.clone();
         let stored = self.compare(ENDS, bad, filter, self.options.settings.clone())?;
         let verdicts = Verdicts::judge(&stored);
-        let (mut status, mut regressed) = (verdicts.status, regressed(&verdicts));
-        if regressed.is_empty() && status == Status::Inconclusive {
-            (status, regressed) = self.open_ends(bad, &verdicts)?;
-        }
+        let mut regressed = regressed(&verdicts);
         let size = |of: &RegressedCell| fathom_base::statistics::median(&of.launches);
         // Figures without noise are searched for first.
         regressed.sort_by(|a, b| {
@@ -340,37 +342,7 @@ impl Bisection<'_> {
         let mut others: Vec<CellId> = regressed.map(|of| of.cell).collect();
         others.dedup();
         others.retain(|cell| first.as_ref().is_none_or(|first| first.cell != *cell));
-        Ok((status, first, others))
-    }
-
-    /// Measures each cell alone that noise leaves open between the ends, the one that seems slowest first, until one is slower.
-    /// Together these cells raise a false alarm as seldom as the comparison before.
-    fn open_ends(
-        &self,
-        bad: &Candidate,
-        verdicts: &Verdicts<'_>,
-    ) -> Result<(Status, Vec<RegressedCell>)> {
-        let settings = &self.options.settings;
-        let of_cells = verdicts.cells.iter().filter(|cell| cell.may_be_slower(settings.threshold));
-        let mut open: Vec<_> = of_cells.filter_map(|cell| cell.time.as_ref()).collect();
-        open.sort_by(|a, b| b.change.median.total_cmp(&a.change.median));
-        let alpha = settings.alpha / open.len().max(1) as f64;
-        let mut worst = Status::NoRegression;
-        for cell in open.iter().map(|time| &time.cell) {
-            (self.waiting.report)(&format!("open between the ends: {cell}, measured alone"));
-            let settings = GateSettings { gates: vec![Gate::Time], alpha, ..settings.clone() };
-            let name = format!("{ENDS}-{}", text::file_stem(cell.as_str()));
-            let stored = self.compare(&name, bad, Some(cell.to_string()), settings)?;
-            let verdicts = Verdicts::judge(&stored);
-            let found = regressed(&verdicts);
-            if !found.is_empty() {
-                return Ok((verdicts.status, found));
-            }
-            if verdicts.status != Status::NoRegression {
-                worst = verdicts.status;
-            }
-        }
-        Ok((worst, Vec::new()))
+        Ok((verdicts.status, first, others))
     }
 
     fn search(&self, of: RegressedCell, others: Vec<CellId>) -> Result<BisectResult> {
@@ -390,23 +362,21 @@ impl Bisection<'_> {
             visits[number] += 1;
             let candidate = &self.candidates[number - 1];
             let measured = self.visit(number, visits[number], batch, (&cell, &figure));
-            if self.waiting.is_interrupted() {
-                bail!("interrupted; `--resume` goes on");
-            }
+            self.check_interrupt()?;
             match measured {
                 Ok(Evidence { launches, difference }) => {
                     search.add(number, &launches);
                     differences.extend(difference.map(|difference| (number, difference)));
                 }
                 Err(error) => {
-                    (self.waiting.report)(&format!("skipping {}: {error}", candidate.label));
+                    (self.maker.report)(&format!("skipping {}: {error}", candidate.label));
                     search.skip(number);
                     skipped.push((number, error.to_string()));
                 }
             }
             let StepEstimate { first, probability, .. } = search.estimate();
             let named = &self.candidates[first - 1].label;
-            (self.waiting.report)(&format!("most probable: {named} ({probability:.2})"));
+            (self.maker.report)(&format!("most probable: {named} ({probability:.2})"));
         }
         let (estimate, launches) = (search.estimate(), search.launches());
         if let Some(difference) = differences.remove(&estimate.first) {

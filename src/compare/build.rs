@@ -5,27 +5,23 @@ use std::cmp::Reverse;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, SystemTime};
+use std::sync::atomic::AtomicBool;
+use std::time::SystemTime;
 
-use anyhow::{Error, Result, anyhow, bail};
+use anyhow::{Context, Error, Result, anyhow, bail};
 use itertools::Itertools;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
-use fathom_base::folder::Dir;
-use fathom_base::input;
 use fathom_base::process::{self, Limits, ProcessError, git};
 use fathom_harness::catalog::CargoTarget;
-use fathom_record::{Build, FolderLock, LockError};
+use fathom_record::{Build, FolderLock};
 
 /// Built revisions that are kept: a search of hundreds of candidates visits fewer.
 const MAX_CACHED: usize = 32;
 /// Beginning of the names of checkouts in the cache.
 const WORKTREE: &str = "worktree-";
-/// Between two looks whether another process still builds.
-const POLL: Duration = Duration::from_millis(100);
 /// Folder of the cache, in the repository's target folder.
 pub const CACHE: &str = "target/compare";
 /// Variables that change what cargo and the compilers make of a source.
@@ -57,45 +53,23 @@ pub fn revision(
     let repository = repository(folder)?;
     let commit = commit(&repository, revision)?;
     let cache = repository.join(CACHE);
-    let (configurations, variables) = (cargo_configurations(&cache), std::env::vars_os());
-    let fingerprint =
-        build_fingerprint(&compiler(&repository)?, target, variables, &configurations);
+    let fingerprint = build_fingerprint(&compiler(&repository)?, target, std::env::vars_os());
     let kept = cache.join("builds").join(format!("{commit}-{fingerprint}"));
     let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
     if program.is_file() {
         return Ok(program);
     }
-    let _lock = lock(&cache, interrupted, progress)?;
-    // Another process may have built it meanwhile.
-    if !program.is_file() {
-        remove_stale(&repository, &cache, WORKTREE);
-        let worktree = Worktree::in_cache(&repository, &cache, &commit)?;
-        let prefix = git(folder, &["rev-parse", "--show-prefix"]).map_err(Error::msg)?;
-        let source = worktree.path.join(prefix);
-        let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
-        let folders = (source, &*cache.join("target"));
-        let built = compile(folders, target, revision, &[], interrupted, progress)?;
-        store_program(&built, &program)?;
-        forget_old(&cache.join("builds"), &kept);
-    }
+    let _lock = FolderLock::take(&cache)?;
+    remove_stale(&repository, &cache, WORKTREE);
+    let worktree = Worktree::add(&repository, cache.join(format!("{WORKTREE}{commit}")), &commit)?;
+    let prefix = git(folder, &["rev-parse", "--show-prefix"]).map_err(Error::msg)?;
+    let source = worktree.path.join(prefix);
+    let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
+    let folders = (source, &*cache.join("target"));
+    let built = compile(folders, target, revision, &[], interrupted, progress)?;
+    store_program(&built, &program)?;
+    forget_old(&cache.join("builds"), &kept);
     Ok(program)
-}
-
-/// The right to build in the cache. Another process has it for one build.
-fn lock(
-    cache: &Path,
-    interrupted: &AtomicBool,
-    progress: &mut dyn FnMut(&str),
-) -> Result<FolderLock> {
-    let mut lock = FolderLock::take(cache);
-    if let Err(error @ LockError::InUse { .. }) = &lock {
-        progress(&error.to_string());
-    }
-    while matches!(lock, Err(LockError::InUse { .. })) && !interrupted.load(Ordering::Relaxed) {
-        std::thread::sleep(POLL);
-        lock = FolderLock::take(cache);
-    }
-    Ok(lock?)
 }
 
 fn cargo() -> Command {
@@ -109,22 +83,11 @@ fn compiler(folder: &Path) -> Result<String> {
         .map_err(|reason| anyhow!("`rustc -vV` failed: {reason}"))
 }
 
-/// What cargo's configuration files hold that count in a folder, beside those of the checkout in it (The Cargo Book, *Configuration*,
-/// "Hierarchical structure").
-fn cargo_configurations(folder: &Path) -> Vec<Vec<u8>> {
-    let of_user = std::env::var_os("CARGO_HOME").map(PathBuf::from);
-    let of_user = of_user.or_else(|| Some(std::env::home_dir()?.join(".cargo")));
-    let folders = folder.ancestors().map(|folder| folder.join(".cargo")).chain(of_user);
-    let files = folders.flat_map(|folder| ["config", "config.toml"].map(|name| folder.join(name)));
-    files.filter_map(|file| std::fs::read(file).ok()).collect()
-}
-
 /// A short name of all that decides what is built of a commit.
 fn build_fingerprint(
     compiler: &str,
     target: CargoTarget,
     variables: impl IntoIterator<Item = (OsString, OsString)>,
-    configurations: &[Vec<u8>],
 ) -> String {
     let counts = |name: &str| {
         VARIABLES.contains(&name) || PREFIXES.iter().any(|prefix| name.starts_with(prefix))
@@ -132,7 +95,7 @@ fn build_fingerprint(
     let variables = variables.into_iter().filter(|(name, _)| name.to_str().is_some_and(counts));
     let variables: Vec<_> = variables.sorted().collect();
     // Written as values of Rust, none of them passes for another.
-    let all = format!("{compiler:?} {target:?} {variables:?} {configurations:?}");
+    let all = format!("{compiler:?} {target:?} {variables:?}");
     hex::encode(Sha256::digest(all))[..FINGERPRINT_DIGITS].to_owned()
 }
 
@@ -184,12 +147,6 @@ pub struct Worktree {
 }
 
 impl Worktree {
-    pub fn in_cache(repository: &Path, cache: &Path, commit: &str) -> Result<Self> {
-        let short = commit.get(..12).unwrap_or(commit);
-        let path = cache.join(format!("{WORKTREE}{short}-{}", std::process::id()));
-        Self::add(repository, path, commit)
-    }
-
     /// A checkout in this folder, which is made anew, with its submodules.
     pub fn add(repository: &Path, path: PathBuf, commit: &str) -> Result<Self> {
         let worktree = Self { repository: repository.to_owned(), path };
@@ -234,7 +191,6 @@ pub fn compile(
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf> {
     let limits = Limits { time: None, interrupted: Some(interrupted) };
-    remove_products(built, target);
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--locked", "--color=never"]);
     cargo.arg("--message-format=json-render-diagnostics");
@@ -252,15 +208,6 @@ pub fn compile(
     }
 }
 
-/// Removes what builds have left, for this machine's own target and for others, so that it cannot pass for the next one's.
-fn remove_products(built: &Path, target: CargoTarget) {
-    let of_targets = std::fs::read_dir(built).into_iter().flatten().flatten();
-    for folder in of_targets.map(|entry| entry.path()).chain([built.to_owned()]) {
-        let name = format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX);
-        let _ = std::fs::remove_file(folder.join("release").join(name));
-    }
-}
-
 /// The program that cargo says it has made (The Cargo Book, *External tools*, "Artifact messages"): where it lies depends on
 /// variables and configuration.
 fn executable(messages: &str, binary: &str) -> Option<PathBuf> {
@@ -271,19 +218,12 @@ fn executable(messages: &str, binary: &str) -> Option<PathBuf> {
 
 /// Copies a program into the cache. It appears there whole or not at all.
 pub fn store_program(built: &Path, program: &Path) -> Result<()> {
-    let io = |action, path: &Path| {
-        let cannot = format!("cannot {action} {}", path.display());
-        move |error: std::io::Error| anyhow!("{cannot}: {error}")
-    };
-    let folder = program.parent().unwrap_or(Path::new("."));
-    let folder = Dir::make(folder).map_err(io("create", folder))?;
-    let mut source = input::open(built).map_err(io("copy", built))?;
-    let name = program.file_name().unwrap_or_default();
-    let copied = folder.write_with(name, |file| {
-        std::io::copy(&mut source, file)?;
-        file.set_permissions(source.metadata()?.permissions())
-    });
-    copied.map_err(io("write", program))
+    let part = program.with_extension("part");
+    let made = std::fs::create_dir_all(program.parent().unwrap_or(Path::new(".")));
+    let copied = made.and_then(|()| std::fs::copy(built, &part));
+    copied
+        .and_then(|_| std::fs::rename(part, program))
+        .with_context(|| format!("cannot copy {} to {}", built.display(), program.display()))
 }
 
 /// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.
@@ -409,59 +349,32 @@ mod tests {
         let (again, lines) = repository.build(&commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
-        // While another process builds there is nothing to do but to wait until it ends, or for an interruption.
-        let (_lock, ended) =
-            (FolderLock::take(&repository.cache()).unwrap(), AtomicBool::new(true));
-        let refused = revision(&repository.path, TARGET, "HEAD", &ended, &mut |_| ()).unwrap_err();
-        assert!(refused.to_string().contains("is in use by process "), "{refused}");
+        let _lock = FolderLock::take(&repository.cache()).unwrap();
+        let refused = repository.build("HEAD").0.unwrap_err().to_string();
+        assert!(refused.contains("is in use by process "), "{refused}");
     }
 
     #[test]
     fn whatever_changes_what_is_built_makes_another_build() {
-        let plain = |variables: &[(&str, &str)], configurations: &[&str]| {
+        let plain = |variables: &[(&str, &str)]| {
             let variables = variables.iter().map(|(name, value)| (name.into(), value.into()));
-            let configurations: Vec<_> =
-                configurations.iter().map(|text| text.as_bytes().to_vec()).collect();
-            build_fingerprint("rustc 1", TARGET, variables, &configurations)
+            build_fingerprint("rustc 1", TARGET, variables)
         };
         let other = CargoTarget { package: "other", ..TARGET };
         let fingerprints = [
-            plain(&[], &[]),
-            build_fingerprint("rustc 2", TARGET, [], &[]),
-            build_fingerprint("rustc 1", other, [], &[]),
-            plain(&[("RUSTFLAGS", "")], &[]),
-            plain(&[("RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
-            plain(&[("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
-            plain(&[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0")], &[]),
-            plain(&[("CARGO_BUILD_TARGET", "x86_64-unknown-linux-gnu")], &[]),
-            plain(&[("CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER", "lld")], &[]),
-            plain(&[], &["[profile.release]\nlto = true"]),
-            plain(&[], &["", "[profile.release]\nlto = true"]),
+            plain(&[]),
+            build_fingerprint("rustc 2", TARGET, []),
+            build_fingerprint("rustc 1", other, []),
+            plain(&[("RUSTFLAGS", "")]),
+            plain(&[("RUSTFLAGS", "-Ctarget-cpu=native")]),
+            plain(&[("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")]),
+            plain(&[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0")]),
+            plain(&[("CARGO_BUILD_TARGET", "x86_64-unknown-linux-gnu")]),
+            plain(&[("CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER", "lld")]),
         ];
         let different: BTreeSet<&String> = fingerprints.iter().collect();
         assert_eq!(different.len(), fingerprints.len(), "{fingerprints:?}");
-        assert_eq!(plain(&[("PATH", "/bin"), ("CARGO_TERM_COLOR", "never")], &[]), fingerprints[0]);
-        let folder = tempfile::tempdir().unwrap();
-        let before = cargo_configurations(folder.path()).len();
-        let deep = folder.path().join("a/b");
-        std::fs::create_dir_all(folder.path().join(".cargo")).unwrap();
-        std::fs::write(folder.path().join(".cargo/config.toml"), "[build]").unwrap();
-        assert_eq!(cargo_configurations(&deep).len(), before + 1);
-    }
-
-    /// A target that is configured moves what cargo builds: what an earlier build has left is not taken for it.
-    #[test]
-    fn a_build_for_a_configured_target_is_not_the_one_before() {
-        let repository = TestRepository::new();
-        repository.build("HEAD~1").0.unwrap();
-        repository.write("src/main.rs", "fn main() { println!(\"third\"); }\n");
-        repository.commit();
-        let compiler = compiler(&repository.path).unwrap();
-        let host = compiler.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
-        let configuration = format!("[build]\ntarget = \"{host}\"\n");
-        repository.write("../../.cargo/config.toml", &configuration);
-        let built = repository.build("HEAD").0.unwrap();
-        assert_eq!(Command::new(&built).output().unwrap().stdout, b"third\n");
+        assert_eq!(plain(&[("PATH", "/bin"), ("CARGO_TERM_COLOR", "never")]), fingerprints[0]);
     }
 
     #[test]

@@ -1,19 +1,20 @@
 //! What `fathom bisect` searches among, and how the program of each candidate is made.
 
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::rc::Rc;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use itertools::Itertools;
 use serde::Serialize;
 
-use super::build::{self, ProgramCopy, Worktree};
+use super::build::{self, Worktree};
 use super::flow::Program;
-use super::launch::{ReplyWait, WorkerStart};
+use super::launch::WorkerStart;
 use fathom_base::process::{self, Limits, ProcessError};
-use fathom_base::{input, private, text};
+use fathom_base::{input, text};
 use fathom_gpu as gpu;
 use fathom_harness::catalog::CargoTarget;
 
@@ -21,8 +22,6 @@ use fathom_harness::catalog::CargoTarget;
 const CANDIDATE: &str = "CANDIDATE";
 /// Digits of a commit in names.
 const SHORT: usize = 12;
-/// Built checkouts of a search by commands that are kept until its end, besides the good one.
-const CHECKOUTS: usize = 8;
 
 /// What is searched among, the good one first.
 #[derive(Clone, Debug)]
@@ -125,17 +124,10 @@ fn lines(list: &Path) -> Result<Vec<Candidate>> {
     let text = input::text(list, input::MAX_TEXT).with_context(|| list.display().to_string())?;
     let lines = text.lines().map(str::trim);
     let named = lines.filter(|line| !line.is_empty() && !line.starts_with('#')).map(|line| {
-        let label = private::redact(line);
-        Candidate { name: line.to_owned(), label, subject: String::new() }
+        let [name, label] = [line; 2].map(str::to_owned);
+        Candidate { name, label, subject: String::new() }
     });
     Ok(named.collect())
-}
-
-/// A candidate's program, which is there as long as this is.
-pub struct BuiltCandidate {
-    pub program: Program,
-    _aside: Option<ProgramCopy>,
-    _checkout: Option<Rc<Worktree>>,
 }
 
 pub struct CandidateBuilder<'a> {
@@ -145,71 +137,58 @@ pub struct CandidateBuilder<'a> {
     pub gpu: gpu::Options,
     /// Folder of the checkouts of a search by commands.
     pub checkouts: PathBuf,
-    pub waiting: ReplyWait<'a>,
-    /// Built checkouts by commit, the latest used last.
-    pub built: RefCell<Vec<(String, Rc<Worktree>)>>,
+    pub interrupted: &'a AtomicBool,
+    pub report: &'a dyn Fn(&str),
+    /// Built checkouts by commit, until the search ends.
+    pub built: RefCell<BTreeMap<String, Worktree>>,
 }
 
 impl CandidateBuilder<'_> {
-    pub fn make(&self, candidate: &Candidate) -> Result<BuiltCandidate> {
-        match self.searched {
-            SearchSpace::Revisions { by: BuildMethod::Commands { build, run }, .. } => {
-                let checkout = self.checkout(candidate, build)?;
-                let path = text::shell(&checkout.path.display().to_string());
-                let made = from_command(candidate, &format!("cd {path} || exit 1\n{run}"));
-                Ok(BuiltCandidate { _checkout: Some(checkout), ..made })
+    /// A candidate's program, which is there as long as this is.
+    pub fn make(&self, candidate: &Candidate) -> Result<Program> {
+        let start = match (self.searched.building(), self.searched) {
+            (BuildMethod::Cargo, SearchSpace::Revisions { .. }) => self.compiled(candidate)?,
+            (BuildMethod::Cargo, _) => bail!("candidates of a file need a command (--cmd)"),
+            (BuildMethod::Commands { build, run }, SearchSpace::Revisions { .. }) => {
+                let path = text::shell(&self.checkout(candidate, build)?.display().to_string());
+                from_command(candidate, &format!("cd {path} || exit 1\n{run}"))
             }
-            SearchSpace::Lines { by: BuildMethod::Commands { build, run }, .. } => {
-                (self.waiting.report)(&format!("building {}", candidate.label));
+            (BuildMethod::Commands { build, run }, SearchSpace::Lines { .. }) => {
                 self.shell(candidate, build, self.folder)?;
-                Ok(from_command(candidate, run))
+                from_command(candidate, run)
             }
-            SearchSpace::Revisions { .. } => self.compiled(candidate),
-            SearchSpace::Lines { .. } => bail!("candidates of a file need a command (--cmd)"),
-        }
+        };
+        Ok(Program { label: candidate.label.clone(), start })
     }
 
-    /// cargo's build, out of reach of later ones.
-    fn compiled(&self, candidate: &Candidate) -> Result<BuiltCandidate> {
-        (self.waiting.report)(&format!("building {}", candidate.label));
-        let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        let mut tell = |line: &str| (self.waiting.report)(line);
-        let built =
-            build::revision(self.folder, self.target, &candidate.name, interrupted, &mut tell)?;
-        let aside = build::set_aside(&built)?;
-        let start = WorkerStart { gpu: self.gpu.clone(), ..WorkerStart::new(&aside.path) };
-        let program = Program { label: candidate.label.clone(), start };
-        Ok(BuiltCandidate { program, _aside: Some(aside), _checkout: None })
+    /// cargo's build, from the cache if it is there.
+    fn compiled(&self, candidate: &Candidate) -> Result<WorkerStart> {
+        (self.report)(&format!("building {}", candidate.label));
+        let (name, mut tell) = (&candidate.name, |line: &str| (self.report)(line));
+        let built = build::revision(self.folder, self.target, name, self.interrupted, &mut tell)?;
+        Ok(WorkerStart { gpu: self.gpu.clone(), ..WorkerStart::new(&built) })
     }
 
-    fn checkout(&self, candidate: &Candidate, command: &str) -> Result<Rc<Worktree>> {
-        let mut built = self.built.borrow_mut();
-        if let Some(at) = built.iter().position(|(commit, _)| *commit == candidate.name) {
-            let used = built.remove(at);
-            built.push(used);
-        } else {
-            (self.waiting.report)(&format!("building {}", candidate.label));
-            let path = std::path::absolute(self.checkouts.join(&candidate.label))?;
+    /// A checkout in which the command has built.
+    fn checkout(&self, candidate: &Candidate, command: &str) -> Result<PathBuf> {
+        let path = std::path::absolute(self.checkouts.join(&candidate.label))?;
+        if !self.built.borrow().contains_key(&candidate.name) {
             let repository = build::repository(self.folder)?;
-            let checkout = Worktree::add(&repository, path, &candidate.name)?;
+            let checkout = Worktree::add(&repository, path.clone(), &candidate.name)?;
             self.shell(candidate, command, &checkout.path)?;
-            built.push((candidate.name.clone(), Rc::new(checkout)));
-            if built.len() > CHECKOUTS {
-                built.remove(0);
-            }
+            self.built.borrow_mut().insert(candidate.name.clone(), checkout);
         }
-        let (_, last) = built.last().context("nothing was built")?;
-        Ok(last.clone())
+        Ok(path)
     }
 
     /// Runs a build's command; its output is passed on.
     fn shell(&self, candidate: &Candidate, command: &str, folder: &Path) -> Result<()> {
-        let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        let limits = Limits { time: None, interrupted: Some(interrupted) };
+        (self.report)(&format!("building {}", candidate.label));
+        let limits = Limits { time: None, interrupted: Some(self.interrupted) };
         let mut shell = Command::new("sh");
         shell.args(["-c", &format!("exec >&2\n{command}")]).current_dir(folder);
         shell.env(CANDIDATE, &candidate.name);
-        match process::run(&mut shell, limits, &mut |line| (self.waiting.report)(line)) {
+        match process::run(&mut shell, limits, &mut |line| (self.report)(line)) {
             Ok(_) => Ok(()),
             Err(ProcessError::Interrupted) => bail!("building was interrupted"),
             Err(error) => {
@@ -220,11 +199,9 @@ impl CandidateBuilder<'_> {
     }
 }
 
-fn from_command(candidate: &Candidate, run: &str) -> BuiltCandidate {
+fn from_command(candidate: &Candidate, run: &str) -> WorkerStart {
     let name = text::shell(&candidate.name);
-    let start = WorkerStart::from_command(&format!("export {CANDIDATE}={name}\n{run}"));
-    let program = Program { label: candidate.label.clone(), start };
-    BuiltCandidate { program, _aside: None, _checkout: None }
+    WorkerStart::from_command(&format!("export {CANDIDATE}={name}\n{run}"))
 }
 
 #[cfg(test)]

@@ -78,8 +78,7 @@ pub fn measure(
     if let Some(filter) = &options.filter {
         gates = gates.filtered(filter)?;
     }
-    let flags = [interrupted];
-    let waiting = ReplyWait { interrupted: &flags, report };
+    let waiting = ReplyWait { interrupted: Some(interrupted), report };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
     let greetings = greet(options, &mut builds)?;

@@ -15,7 +15,7 @@ use std::collections::{BTreeSet, VecDeque};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::channel;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -83,13 +83,11 @@ pub fn run(
     };
     let jobs = Mutex::new(jobs(before, wanted, second, workers));
     let (sender, lines) = channel();
-    let broken = AtomicBool::new(false);
-    let ending = [interrupted, &broken];
     std::thread::scope(|scope| {
         for number in 0..workers {
             let (jobs, sender, core) = (&jobs, sender.clone(), cores.get(number).copied());
             scope.spawn(move || {
-                let waiting = ReplyWait { interrupted: &ending, ..ReplyWait::SILENT };
+                let waiting = ReplyWait { interrupted: Some(interrupted), ..ReplyWait::SILENT };
                 let next = || jobs.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
                 while let Some(sides) = next().filter(|_| !waiting.is_interrupted()) {
                     // One side after the other: what the first compiles the second finds.
@@ -98,18 +96,17 @@ pub fn run(
                         let start = with_kept_shaders(start, &job.shaders);
                         let conditions = CountingSetup { start, wrapper: callgrind, waiting };
                         for line in count_warm(&job, &conditions) {
-                            // Nobody listens only when the store is broken, which ends everything.
-                            let _ = sender.send(line);
+                            // Nobody listens where a line could not be stored.
+                            if sender.send(line).is_err() {
+                                return;
+                            }
                         }
                     }
                 }
             });
         }
         drop(sender);
-        let mut lines = lines.into_iter();
-        let written = lines.try_for_each(|line| store::write(held, vec![line]));
-        broken.store(written.is_err(), Ordering::Relaxed);
-        written
+        lines.into_iter().try_for_each(|line| store::write(held, vec![line]))
     })
 }
 
@@ -374,6 +371,8 @@ fn parse_total(text: &str) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::Ordering;
+
     use super::*;
 
     /// A worker that cuts as callgrind does: the counts of `b` are in the twenties, all others in the tens. It refuses `bad` after a
@@ -400,7 +399,7 @@ esac; done
     }
 
     /// What a job of these stages sends, by stage: counts or a reason.
-    fn sent(folder: &Path, stages: &[&str], ending: &[&AtomicBool]) -> Vec<String> {
+    fn sent(folder: &Path, stages: &[&str], interrupted: Option<&AtomicBool>) -> Vec<String> {
         let script = folder.join("worker");
         let adapter = serde_json::to_string(&fathom_record::Adapter::default()).unwrap();
         std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
@@ -412,7 +411,7 @@ esac; done
         let start = quieted(WorkerStart::new(&script), None, false);
         let start = WorkerStart { shader_cache: Some(folder.join("shaders")), ..start };
         std::fs::create_dir_all(folder.join("shaders")).unwrap();
-        let waiting = ReplyWait { interrupted: ending, ..ReplyWait::SILENT };
+        let waiting = ReplyWait { interrupted, ..ReplyWait::SILENT };
         let conditions = CountingSetup { start, wrapper, waiting };
         let told = |line: Compared| match line {
             Compared::Instructions(line) => format!("{} {:?}", line.cell.stage(), line.counts),
@@ -427,7 +426,7 @@ esac; done
     fn a_process_that_compiled_a_shader_does_not_count() {
         let folder = tempfile::tempdir().unwrap();
         for _ in 0..2 {
-            let lines = sent(folder.path(), &["a", "compiled"], &[]);
+            let lines = sent(folder.path(), &["a", "compiled"], None);
             assert_eq!(lines, ["a [11, 12, 13]", "compiled [31, 32, 33]"]);
         }
     }
@@ -443,7 +442,7 @@ esac; done
             "a [11, 12, 13]",
         ];
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(sent(folder.path(), &["a", "bad", "b", "dead", "a"], &[]), expected);
+        assert_eq!(sent(folder.path(), &["a", "bad", "b", "dead", "a"], None), expected);
     }
 
     #[cfg(unix)]
@@ -453,7 +452,7 @@ esac; done
         let folder = tempfile::tempdir().unwrap();
         // At the end of its patience the hung stage would be faulted.
         let lines = std::thread::scope(|scope| {
-            let lines = scope.spawn(|| sent(folder.path(), &["slow", "a"], &[&interrupted]));
+            let lines = scope.spawn(|| sent(folder.path(), &["slow", "a"], Some(&interrupted)));
             while !folder.path().join("worker.slow").exists() && !lines.is_finished() {
                 std::thread::sleep(Duration::from_millis(20));
             }

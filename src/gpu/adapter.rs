@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock, PoisonError};
 
 use super::pipelines::Pipelines;
 use super::shader::ShaderCache;
-use super::{Capacity, GpuError, TimedStage, limits, mask};
+use super::{Capacity, GpuError, TimedStage, mask};
 use fathom_base::embedded::{Folders, SHADERS};
 use fathom_clock::{ClockPlan, Device, FrameTimer, SubmitCost, describe};
 use fathom_record as record;
@@ -172,7 +172,7 @@ fn position(all: &[FlaggedAdapter], asked: Option<&str>) -> Option<usize> {
 }
 
 /// What the adapter lacks that no pipeline can do without.
-fn lacks(adapter: &wgpu::Adapter, limits: &wgpu::Limits) -> Option<String> {
+fn lacks(adapter: &wgpu::Adapter) -> Option<String> {
     let required = [
         (wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"),
         (wgpu::DownlevelFlags::VERTEX_STORAGE, "storage buffers in vertex shaders"),
@@ -182,7 +182,7 @@ fn lacks(adapter: &wgpu::Adapter, limits: &wgpu::Limits) -> Option<String> {
     ];
     let flags = adapter.get_downlevel_capabilities().flags;
     let missing = required.iter().find(|(flag, _)| !flags.contains(*flag));
-    missing.map(|(_, missing)| (*missing).to_owned()).or_else(|| limits::shortfall(limits))
+    missing.map(|(_, missing)| (*missing).to_owned())
 }
 
 /// The optional features of this adapter, and a note for each that it lacks.
@@ -198,7 +198,7 @@ impl Gpu {
     pub fn list() -> Vec<AdapterEntry> {
         let listed = |(adapter, _): &FlaggedAdapter| AdapterEntry {
             adapter: describe(adapter),
-            lacks: lacks(adapter, &adapter.limits()),
+            lacks: lacks(adapter),
         };
         enumerate_adapters().iter().map(listed).collect()
     }
@@ -254,7 +254,7 @@ impl Gpu {
             None => chosen.limits(),
         };
         let adapter = record::Adapter { mask, ..describe(&chosen) };
-        if let Some(missing) = lacks(&chosen, &limits) {
+        if let Some(missing) = lacks(&chosen) {
             let adapter = format!("{} ({})", adapter.title(), adapter.backend);
             return Err(GpuError::Missing { adapter, missing });
         }

@@ -1,8 +1,7 @@
 //! What a linked shader binds: of which kind, and how WGSL lays out the structs.
 
-use std::collections::HashSet;
-
 use wgpu::naga;
+use wgpu::naga::compact::{KeepUnused, compact};
 
 /// A member of a struct.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,59 +87,19 @@ impl StructLayout {
     }
 }
 
-/// What the entry points of a linked module bind. An imported module may hold variables that they do not use.
-pub(super) fn bindings(module: &naga::Module) -> Vec<Binding> {
-    let used = used(module);
-    let bound =
-        |(handle, variable): (naga::Handle<naga::GlobalVariable>, &naga::GlobalVariable)| {
-            if !used.contains(&handle) {
-                return None;
-            }
-            let naga::ResourceBinding { group, binding } = variable.binding?;
-            let kind = kind(variable.space, &module.types[variable.ty].inner)?;
-            let structure = element(module, variable.ty).map(|(ty, members, span)| {
-                let name = strip_module(ty.name.as_deref().unwrap_or_default());
-                (name, StructLayout::from_naga(module, members, span))
-            });
-            Some(Binding { group, binding, kind, structure })
-        };
-    module.global_variables.iter().filter_map(bound).collect()
-}
-
-/// The variables that entry points use, themselves or through what they call.
-fn used(module: &naga::Module) -> HashSet<naga::Handle<naga::GlobalVariable>> {
-    let mut waiting: Vec<_> = module.entry_points.iter().map(|entry| &entry.function).collect();
-    let (mut called, mut used) = (HashSet::new(), HashSet::new());
-    while let Some(function) = waiting.pop() {
-        used.extend(function.expressions.iter().filter_map(|(_, expression)| match expression {
-            naga::Expression::GlobalVariable(variable) => Some(*variable),
-            _ => None,
-        }));
-        let mut calls = Vec::new();
-        add_calls(&function.body, &mut calls);
-        let new = calls.into_iter().filter(|function| called.insert(*function));
-        waiting.extend(new.map(|function| &module.functions[function]));
-    }
-    used
-}
-
-fn add_calls(block: &naga::Block, calls: &mut Vec<naga::Handle<naga::Function>>) {
-    for statement in block {
-        match statement {
-            naga::Statement::Call { function, .. } => calls.push(*function),
-            naga::Statement::Block(inner) => add_calls(inner, calls),
-            naga::Statement::If { accept, reject, .. } => {
-                [accept, reject].into_iter().for_each(|inner| add_calls(inner, calls));
-            }
-            naga::Statement::Loop { body, continuing, .. } => {
-                [body, continuing].into_iter().for_each(|inner| add_calls(inner, calls));
-            }
-            naga::Statement::Switch { cases, .. } => {
-                cases.iter().for_each(|case| add_calls(&case.body, calls));
-            }
-            _ => {}
-        }
-    }
+/// What the entry points of a linked module bind. An imported module may hold what they do not use: that is removed.
+pub(super) fn bindings(module: &mut naga::Module) -> Vec<Binding> {
+    compact(module, KeepUnused::No);
+    let bound = |variable: &naga::GlobalVariable| {
+        let naga::ResourceBinding { group, binding } = variable.binding?;
+        let kind = kind(variable.space, &module.types[variable.ty].inner)?;
+        let structure = element(module, variable.ty).map(|(ty, members, span)| {
+            let name = strip_module(ty.name.as_deref().unwrap_or_default());
+            (name, StructLayout::from_naga(module, members, span))
+        });
+        Some(Binding { group, binding, kind, structure })
+    };
+    module.global_variables.iter().filter_map(|(_, variable)| bound(variable)).collect()
 }
 
 fn kind(space: naga::AddressSpace, ty: &naga::TypeInner) -> Option<BindingKind> {
@@ -249,8 +208,8 @@ mod tests {
         use BindingKind::{Buffer, Sampler, Stored, Texture};
         use wgpu::BufferBindingType::{Storage, Uniform};
         use wgpu::{TextureSampleType as Sampled, TextureViewDimension as Dimension};
-        let module = naga::front::wgsl::parse_str(SHADER).unwrap();
-        let found = bindings(&module);
+        let mut module = naga::front::wgsl::parse_str(SHADER).unwrap();
+        let found = bindings(&mut module);
         let kinds: Vec<_> = found.iter().map(|of| ([of.group, of.binding], of.kind)).collect();
         let expected = [
             ([0, 0], Buffer(Uniform)),

@@ -4,7 +4,7 @@ use super::{Gpu, MAX_ITERATIONS};
 use fathom_record::Work;
 
 /// What a pipeline will need of the adapter, collected before it is built; checked by [`Gpu::check`].
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Demand {
     needs: Vec<Need>,
     /// Bytes of textures and buffers, by what they are for.
@@ -15,111 +15,21 @@ pub struct Demand {
     work: Vec<(String, Work)>,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 struct Need {
-    limit: DeviceLimit,
+    /// Name of the limit, for the message.
+    limit: &'static str,
+    allowed: fn(&wgpu::Limits) -> u64,
     /// The resource or stage, for the message.
     what: String,
     requested: u64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum DeviceLimit {
-    Texture2d,
-    Texture3d,
-    Buffer,
-    StorageBinding,
-    UniformBinding,
-    DispatchGroups,
-    ColorAttachments,
-    BytesPerSample,
-    StorageBuffers,
-    Index,
-    LoopTurns,
-}
-
-impl DeviceLimit {
-    fn name_and_value(self, limits: &wgpu::Limits) -> (&'static str, u64) {
-        match self {
-            Self::Texture2d => ("max_texture_dimension_2d", limits.max_texture_dimension_2d.into()),
-            Self::Texture3d => ("max_texture_dimension_3d", limits.max_texture_dimension_3d.into()),
-            Self::Buffer => ("max_buffer_size", limits.max_buffer_size),
-            Self::StorageBinding => {
-                ("max_storage_buffer_binding_size", limits.max_storage_buffer_binding_size)
-            }
-            Self::UniformBinding => {
-                ("max_uniform_buffer_binding_size", limits.max_uniform_buffer_binding_size)
-            }
-            Self::DispatchGroups => (
-                "max_compute_workgroups_per_dimension",
-                limits.max_compute_workgroups_per_dimension.into(),
-            ),
-            Self::ColorAttachments => {
-                ("max_color_attachments", limits.max_color_attachments.into())
-            }
-            Self::BytesPerSample => (
-                "max_color_attachment_bytes_per_sample",
-                limits.max_color_attachment_bytes_per_sample.into(),
-            ),
-            Self::StorageBuffers => (
-                "max_storage_buffers_per_shader_stage",
-                limits.max_storage_buffers_per_shader_stage.into(),
-            ),
-            // No adapter's: shaders count in 32 bits.
-            Self::Index => ("indices of 32 bits", u32::MAX.into()),
-            // The least of all adapters.
-            Self::LoopTurns => ("turns of loops in an invocation", MAX_ITERATIONS),
-        }
-    }
-}
-
-/// What a shader binds, and takes in a workgroup.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct ShaderUse {
-    storage_buffers: u32,
-    uniform_buffers: u32,
-    sampled_textures: u32,
-    samplers: u32,
-    storage_textures: u32,
-    groups: u32,
-    invocations: u32,
-    workgroup_bytes: u32,
-}
-
-/// The most that any of fathom's shaders takes, but for the storage buffers of `voxel/alpha`, which pipelines with it
-/// [ask for](Demand::storage_buffers). A test reads it from the shaders.
-const MAX: ShaderUse = ShaderUse {
-    storage_buffers: 4,
-    uniform_buffers: 4,
-    sampled_textures: 8,
-    samplers: 1,
-    storage_textures: 1,
-    groups: 3,
-    invocations: 64,
-    workgroup_bytes: 4224,
-};
-
-/// The first limit that is below what shaders need whatever the sizes, with both figures.
-pub(super) fn shortfall(limits: &wgpu::Limits) -> Option<String> {
-    macro_rules! short {
-        ($($name:ident: $needed:ident),*) => {
-            $(if limits.$name < MAX.$needed {
-                let (needed, allowed, name) = (MAX.$needed, limits.$name, stringify!($name));
-                return Some(format!("{needed} of {name} (it has {allowed})"));
-            })*
-        };
-    }
-    short! {
-        max_compute_invocations_per_workgroup: invocations,
-        max_storage_buffers_per_shader_stage: storage_buffers,
-        max_uniform_buffers_per_shader_stage: uniform_buffers,
-        max_sampled_textures_per_shader_stage: sampled_textures,
-        max_samplers_per_shader_stage: samplers,
-        max_storage_textures_per_shader_stage: storage_textures,
-        max_bind_groups: groups,
-        max_compute_workgroup_storage_size: workgroup_bytes
-    }
-    None
+/// A limit as wgpu names it.
+macro_rules! limit {
+    ($name:ident) => {
+        (stringify!($name), |limits| limits.$name.into())
+    };
 }
 
 impl Demand {
@@ -127,65 +37,67 @@ impl Demand {
         Self::default()
     }
 
-    fn need(mut self, limit: DeviceLimit, what: &str, requested: u64) -> Self {
-        self.needs.push(Need { limit, what: what.to_owned(), requested });
+    fn need(
+        mut self,
+        (limit, allowed): (&'static str, fn(&wgpu::Limits) -> u64),
+        what: &str,
+        requested: u64,
+    ) -> Self {
+        self.needs.push(Need { limit, allowed, what: what.to_owned(), requested });
         self
     }
 
     /// A two-dimensional texture of this size in texels.
     pub fn texture_2d(self, what: &str, width: u64, height: u64) -> Self {
-        self.need(DeviceLimit::Texture2d, what, width.max(height))
+        self.need(limit!(max_texture_dimension_2d), what, width.max(height))
     }
 
     /// A volume texture of this size in texels.
     pub fn texture_3d(self, what: &str, size: [u64; 3]) -> Self {
         let longest = size.into_iter().max().unwrap_or(0);
-        self.need(DeviceLimit::Texture3d, what, longest)
+        self.need(limit!(max_texture_dimension_3d), what, longest)
     }
 
     /// A buffer that is never bound whole as storage (vertices, indices, staging), in bytes.
     pub fn buffer(self, what: &str, bytes: u64) -> Self {
-        self.need(DeviceLimit::Buffer, what, bytes)
+        self.need(limit!(max_buffer_size), what, bytes)
     }
 
     /// A buffer bound whole as storage, in bytes.
     pub fn storage(self, what: &str, bytes: u64) -> Self {
-        self.need(DeviceLimit::Buffer, what, bytes).need(DeviceLimit::StorageBinding, what, bytes)
+        self.buffer(what, bytes).need(limit!(max_storage_buffer_binding_size), what, bytes)
     }
 
     /// A uniform buffer, in bytes.
     pub fn uniform(self, what: &str, bytes: u64) -> Self {
-        self.need(DeviceLimit::Buffer, what, bytes).need(DeviceLimit::UniformBinding, what, bytes)
+        self.buffer(what, bytes).need(limit!(max_uniform_buffer_binding_size), what, bytes)
     }
 
-    /// Things that shaders index, such as voxels.
+    /// Things that shaders index, such as voxels. Shaders count in 32 bits on any adapter.
     pub fn indexed(self, what: &str, count: u64) -> Self {
-        self.need(DeviceLimit::Index, what, count)
+        self.need(("indices of 32 bits", |_| u32::MAX.into()), what, count)
     }
 
-    /// Shaders whose invocations make so many turns of their loops. See [`MAX_ITERATIONS`].
+    /// Shaders whose invocations make so many turns of their loops. See [`MAX_ITERATIONS`], the least of all adapters.
     pub fn iterations(self, what: &str, count: u64) -> Self {
-        self.need(DeviceLimit::LoopTurns, what, count)
+        self.need(("turns of loops in an invocation", |_| MAX_ITERATIONS), what, count)
     }
 
     /// A dispatch of this many workgroups in each dimension.
     pub fn dispatch(self, what: &str, groups: [u64; 3]) -> Self {
         let most = groups.into_iter().max().unwrap_or(0);
-        self.need(DeviceLimit::DispatchGroups, what, most)
+        self.need(limit!(max_compute_workgroups_per_dimension), what, most)
     }
 
     /// A render pass with this many colour targets, of so many bytes per sample together.
     pub fn color_targets(self, what: &str, count: u64, bytes_per_sample: u64) -> Self {
-        self.need(DeviceLimit::ColorAttachments, what, count).need(
-            DeviceLimit::BytesPerSample,
-            what,
-            bytes_per_sample,
-        )
+        let this = self.need(limit!(max_color_attachments), what, count);
+        this.need(limit!(max_color_attachment_bytes_per_sample), what, bytes_per_sample)
     }
 
     /// A shader that binds so many storage buffers.
     pub fn storage_buffers(self, what: &str, count: u64) -> Self {
-        self.need(DeviceLimit::StorageBuffers, what, count)
+        self.need(limit!(max_storage_buffers_per_shader_stage), what, count)
     }
 
     /// Textures and buffers of the pipeline take so many bytes.
@@ -238,12 +150,11 @@ impl Demand {
     /// The first demand that `limits` do not meet, as a sentence with the limit's name, what was asked
     /// and what is allowed.
     pub fn check(&self, limits: &wgpu::Limits) -> Result<(), String> {
-        for need in &self.needs {
-            let (name, allowed) = need.limit.name_and_value(limits);
-            if need.requested > allowed {
+        for Need { limit, allowed, what, requested } in &self.needs {
+            let allowed = allowed(limits);
+            if *requested > allowed {
                 return Err(format!(
-                    "{}: asks {} of {name}, the adapter allows {allowed}",
-                    need.what, need.requested
+                    "{what}: asks {requested} of {limit}, the adapter allows {allowed}"
                 ));
             }
         }
@@ -265,9 +176,6 @@ impl Gpu {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::layout::{BindingKind, bindings};
-    use crate::shader::{link, shader_paths};
-    use fathom_base::embedded::{Folders, SHADERS};
 
     #[test]
     fn a_demand_beyond_a_limit_names_it_with_both_figures() {
@@ -278,50 +186,6 @@ mod tests {
             message,
             "light map: asks 9000 of max_texture_dimension_2d, the adapter allows 8192"
         );
-    }
-
-    /// What a shader takes with its defaults.
-    fn shading(module: &wgpu::naga::Module) -> ShaderUse {
-        use wgpu::BufferBindingType::{Storage, Uniform};
-        let bound = bindings(module);
-        let count = |of: fn(&BindingKind) -> bool| {
-            bound.iter().filter(|binding| of(&binding.kind)).count() as u32
-        };
-        let shared = module.global_variables.iter().map(|(_, variable)| variable);
-        let shared = shared.filter(|v| v.space == wgpu::naga::AddressSpace::WorkGroup);
-        let bytes = shared.map(|v| module.types[v.ty].inner.size(module.to_ctx()));
-        let entries = module.entry_points.iter();
-        ShaderUse {
-            storage_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Storage { .. }))),
-            uniform_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Uniform))),
-            sampled_textures: count(|kind| matches!(kind, BindingKind::Texture(..))),
-            samplers: count(|kind| matches!(kind, BindingKind::Sampler { .. })),
-            storage_textures: count(|kind| matches!(kind, BindingKind::Stored(_))),
-            groups: bound.iter().map(|binding| binding.group + 1).max().unwrap_or(0),
-            invocations: entries.map(|entry| entry.workgroup_size.iter().product()).max().unwrap(),
-            workgroup_bytes: bytes.sum(),
-        }
-    }
-
-    #[test]
-    fn what_every_shader_needs_of_an_adapter_is_stated() {
-        let folders = Folders::new(SHADERS);
-        let paths = shader_paths(&folders).into_iter().filter(|path| path != "voxel/alpha");
-        let all = paths.map(|path| shading(&link(&folders, &path, &[]).unwrap()));
-        let most = all.reduce(|a, b| ShaderUse {
-            storage_buffers: a.storage_buffers.max(b.storage_buffers),
-            uniform_buffers: a.uniform_buffers.max(b.uniform_buffers),
-            sampled_textures: a.sampled_textures.max(b.sampled_textures),
-            samplers: a.samplers.max(b.samplers),
-            storage_textures: a.storage_textures.max(b.storage_textures),
-            groups: a.groups.max(b.groups),
-            invocations: a.invocations.max(b.invocations),
-            workgroup_bytes: a.workgroup_bytes.max(b.workgroup_bytes),
-        });
-        assert_eq!(most, Some(MAX));
-        assert_eq!(shortfall(&wgpu::Limits::downlevel_defaults()), None);
-        let none = shortfall(&wgpu::Limits::downlevel_webgl2_defaults()).unwrap();
-        assert_eq!(none, "64 of max_compute_invocations_per_workgroup (it has 0)");
     }
 
     #[test]

@@ -192,8 +192,8 @@ impl Gpu {
     }
 
     fn make_shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
-        let module = link(&self.folders, path, defs)?;
-        let bindings = bindings(&module).into();
+        let mut module = link(&self.folders, path, defs)?;
+        let bindings = bindings(&mut module).into();
         let source = wgpu::ShaderSource::Naga(Cow::Owned(module));
         let descriptor = wgpu::ShaderModuleDescriptor { label: Some(path), source };
         self.catch(|| {

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Error, bail};
+use anyhow::{Context, bail};
 
-use fathom_base::text::check_length;
 use fathom_base::{private, process};
 
 /// What the user says. The rest is found out.
@@ -68,14 +67,6 @@ pub fn origin(said: OriginArgs) -> anyhow::Result<Origin> {
     };
     let branch = said.branch.or_else(|| variable(BRANCH_VARIABLES));
     let branch = branch.or_else(|| git(&["symbolic-ref", "--quiet", "--short", "HEAD"]).ok());
-    let names = [
-        ("commit", Some(&commit)),
-        ("branch", branch.as_ref()),
-        ("machine", said.machine.as_ref()),
-    ];
-    for (what, name) in names {
-        name.map_or(Ok(()), |name| check_length(what, name)).map_err(Error::msg)?;
-    }
     Ok(Origin {
         committed_at: committed_at(&commit),
         commit,

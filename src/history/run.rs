@@ -8,7 +8,7 @@ use anyhow::{Context, anyhow, bail};
 use indexmap::{IndexMap, IndexSet};
 use sha2::{Digest, Sha256};
 
-use fathom_base::{folder, input, text};
+use fathom_base::{input, text};
 use fathom_record as record;
 use fathom_record::{
     Cell, Clock, Damaged, Estimate, Measured, Record, RecordError, Run, ShaderChecks,
@@ -96,7 +96,7 @@ impl NewRun {
         let mut contents = RunContents::default();
         read.records.into_iter().for_each(|record| contents.take(record));
         let header = contents.check(&path, &read.damaged)?;
-        let file = folder::unpacked(&path, MAX_RECORDS);
+        let file = input::unpacked(&path, MAX_RECORDS);
         let of_figure = |(key, (host, value))| NewFigure { key, host, value };
         Ok(NewRun {
             digest: file.and_then(input::sha256).map_err(unread)?,

@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
 use super::run::{NewFigure, NewRun, shorten};
-use super::{DEFAULT_FILE, FORMAT, Origin, VARIABLE};
+use super::{FORMAT, Origin};
 use fathom_base::text::line;
 
 /// How long a writer waits for another one.
@@ -134,12 +134,9 @@ fn no_history(path: &Path) -> String {
     format!("there is no history in {}: `fathom history add DIR` makes one", named(path))
 }
 
-/// A history's file for messages. What names no file may be the address of a database, with a password in it.
+/// A history's file for messages.
 fn named(path: &Path) -> String {
-    if path.exists() || path == Path::new(DEFAULT_FILE) {
-        return line(&path.display().to_string());
-    }
-    format!("the file that --db or {VARIABLE} names")
+    line(&path.display().to_string())
 }
 
 fn is_made(connection: &Connection) -> anyhow::Result<bool> {

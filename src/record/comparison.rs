@@ -10,7 +10,6 @@ use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::{Display, EnumString, IntoStaticStr};
 
 use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
-use fathom_base::private;
 
 /// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
 pub const MAX_LAUNCHES: u32 = 200;
@@ -489,7 +488,7 @@ impl Fault {
         cell: Option<CellId>,
         reason: impl Into<String>,
     ) -> Self {
-        let reason = private::redact(&reason.into());
+        let reason = reason.into();
         Self { gate, side, cell, launch: None, control: false, absent: false, reason }
     }
 }

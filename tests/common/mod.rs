@@ -158,13 +158,6 @@ pub fn holds(text: &str, parts: &[&str]) {
 /// Ends a wait for what never comes, and decides nothing: the longest takes half a minute.
 pub const HANGS: Duration = Duration::from_secs(600);
 
-/// What a command says that may wait for ever.
-#[track_caller]
-pub fn ended(command: Command, status: i32) -> CommandOutput {
-    let output = assert_cmd::Command::from_std(command).timeout(HANGS).output();
-    CommandOutput::check(output.unwrap(), status)
-}
-
 /// Looks until something holds.
 #[track_caller]
 pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {

@@ -1,9 +1,6 @@
-//! `fathom bisect` over a repository of a small program that answers as a worker does. Its times are constants of its source.
+//! `fathom bisect` over a repository of a small program that answers as a worker does.
 
 use std::path::Path;
-use std::process::Command;
-
-use serde_json::Value;
 
 use super::builds::CELLS;
 use super::common::{Ends, Place, git, holds};
@@ -12,53 +9,31 @@ use super::script::{Script, hello, sample};
 pub const MANIFEST: &str = "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
     [[bin]]\nname = \"fathom\"\npath = \"main.rs\"\n\n[workspace]\n";
 pub const LOCK: &str = "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n";
-/// The answers to messages; HELLO and NS are put in.
-const MAIN: &str = r##"
-fn main() {
-    for line in std::io::stdin().lines() {
-        let line = line.unwrap();
-        let asks = |word: &str| line.contains(&format!("\"message\":\"{word}\""));
-        if asks("hello") {
-            println!("{}", r#"HELLO"#);
-        } else if asks("prepare") {
-            println!("{}", r#"{"message":"prepared","stages":[{"name":"a","kind":"compute"},{"name":"b","kind":"compute"}]}"#);
-        } else if asks("sample") {
-            let ns = if line.contains("\"stage\":\"a\"") { NS } else { 200 };
-            let frames = line.rsplit("\"frames\":").next().unwrap().trim_end_matches('}');
-            let ns = vec![ns.to_string(); frames.parse().unwrap()].join(",");
-            println!("{{\"message\":\"sample\",\"ns\":[{ns}]}}");
-        } else {
-            return;
-        }
-    }
+/// A program that is a script.
+const MAIN: &str = "fn main() {
+    let script = include_str!(\"worker.sh\");
+    std::process::Command::new(\"sh\").args([\"-c\", script]).status().unwrap();
 }
-"##;
+";
 
-/// Commits of the program; each has the time of stage `a` as an expression.
+/// Commits of a program.
 pub struct Commits(pub Place);
 
 impl Commits {
-    fn new(times: &[&str]) -> Self {
-        Self::greeting(times, &hello(1, r#""time""#))
-    }
-
-    /// The same with this greeting.
-    fn greeting(times: &[&str], hello: &str) -> Self {
-        let history = Self(Place::new());
-        history.git(&["init", "--quiet"]);
-        for (name, text) in [("Cargo.toml", MANIFEST), ("Cargo.lock", LOCK), (".gitignore", "*\n")]
-        {
-            history.0.write(name, text);
-        }
-        history.0.write("cells.toml", CELLS);
-        let hello = hello.trim_start_matches("echo '").trim_end_matches('\'');
-        for (number, ns) in times.iter().enumerate() {
-            let text = MAIN.replace("HELLO", hello);
-            let text = text.replace("{ NS }", &format!("{{ {ns} }}"));
-            history.0.write("main.rs", format!("// {number}\n{text}"));
-            history.commit(number, &["Cargo.toml", "Cargo.lock", "main.rs"]);
-        }
-        history
+    /// Two of a crate whose program greets so.
+    fn built(hello: &str) -> Self {
+        let files = [
+            ("Cargo.toml", MANIFEST),
+            ("Cargo.lock", LOCK),
+            (".gitignore", "*\n"),
+            ("main.rs", MAIN),
+            ("cells.toml", CELLS),
+        ];
+        Self::with_commits(2, |place, _| {
+            files.iter().for_each(|(name, text)| drop(place.write(name, text)));
+            Script { hello: hello.to_owned(), ..Script::default() }
+                .write(&place.path(""), "worker.sh");
+        })
     }
 
     /// A repository whose commits each write something.
@@ -67,13 +42,13 @@ impl Commits {
         history.git(&["init", "--quiet"]);
         for number in 0..commits {
             write(&history.0, number);
-            history.commit(number, &["."]);
+            history.commit(number);
         }
         history
     }
 
-    fn commit(&self, number: usize, paths: &[&str]) {
-        self.git(&[&["add", "--force"], paths].concat());
+    fn commit(&self, number: usize) {
+        self.git(&["add", "--force", "."]);
         self.git(&["commit", "--quiet", "--allow-empty", &format!("--message=Change {number}")]);
     }
 
@@ -85,48 +60,16 @@ impl Commits {
     fn git(&self, arguments: &[&str]) {
         git(self.0.path("")).args(arguments).ends(0);
     }
-
-    fn bisect(&self, options: &str) -> Command {
-        let commits = "bisect --gates time --cells-file cells.toml --launches 10 --json --out out";
-        self.0.fathom(format!("{commits} {options}"))
-    }
-}
-
-const USUAL: &str = "200";
-const SLOWER: &str = "210";
-const BROKEN: &str = "no number";
-
-#[test]
-fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build() {
-    let times = [USUAL, USUAL, BROKEN, USUAL, USUAL, SLOWER, SLOWER, SLOWER, SLOWER];
-    let history = Commits::new(&times);
-    let output = history.bisect("--good HEAD~8").ends(0);
-    let report: Value = serde_json::from_str(&output.out).unwrap();
-    let answer = &report["answer"];
-    assert_eq!(report["count"], 8);
-    let commit = answer["first"].as_str().unwrap();
-    assert_eq!(history.subject(commit), "Change 5");
-    assert!(answer["probability"].as_f64().unwrap() >= 0.95, "{answer}");
-    assert!(answer["cell"].as_str().unwrap().ends_with(" a"), "{answer}");
-    assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{answer}");
-    // The same again from its folder, which asks for no build.
-    let again = history.bisect("--good HEAD~8 --resume").ends(0);
-    let told_first = output.out;
-    assert_eq!(again.out, told_first);
-    let output = history.bisect("--good HEAD~8 --batch 8 --resume").ends(2);
-    holds(&output.err, &["was begun with other settings: ", "`batch` was 4 and is now 8"]);
-    let taken = history.bisect("--good HEAD~8").ends(2);
-    assert!(taken.err.contains("--resume"), "{}", taken.err);
 }
 
 #[test]
 fn equal_ends_leave_nothing_to_find() {
-    let history = Commits::new(&[USUAL, USUAL]);
-    let found = history.bisect("--good HEAD~1").ends(1).json();
+    let history = Commits::built(&hello(1, r#""time""#));
+    let bisect = "bisect --gates time --cells-file cells.toml --launches 10 --json --out";
+    let found = history.0.fathom(format!("{bisect} out --good HEAD~1")).ends(1).json();
     assert!(found["answer"].is_null() && found["ends"] == "no regression", "{found}");
-    let output = Commits::new(&[USUAL, BROKEN]).bisect("--good HEAD~1").ends(2);
-    assert!(output.err.contains("does not build"), "{}", output.err);
-    assert_eq!(history.bisect("--good HEAD --bad HEAD~1").output().unwrap().status.code(), Some(2));
+    let mut turned = history.0.fathom(format!("{bisect} other --good HEAD --bad HEAD~1"));
+    turned.refused("the good revision must come before the bad one");
 }
 
 #[test]
@@ -148,6 +91,7 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
     let found = command.ends(0).json();
     let answer = &found["answer"];
     assert_eq!(history.subject(answer["first"].as_str().unwrap()), "Change 4", "{found}");
+    assert!(found["count"] == 5 && answer["probability"].as_f64().unwrap() >= 0.95, "{answer}");
     assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{found}");
     let left = std::fs::read_dir(history.0.path("out/checkouts")).unwrap().count();
     assert_eq!(left, 0, "checkouts are removed in the end");
@@ -155,9 +99,12 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
     assert!(!settings.contains("--counted"), "a command may hold secrets: {settings}");
     // What a search leaves that is killed.
     history.git(&["worktree", "add", "--quiet", "--detach", "out/checkouts/left", "HEAD"]);
+    holds(&command.ends(2).err, &["--resume"]);
     assert_eq!(command.arg("--resume").ends(0).json(), found);
     let worktrees = git(history.0.path("")).args(["worktree", "list"]).answer();
     assert_eq!(worktrees.lines().count(), 1, "{worktrees}");
+    let other = command.args(["--batch", "8"]).ends(2);
+    holds(&other.err, &["was begun with other settings: ", "`batch` was 4 and is now 8"]);
 }
 
 #[test]
@@ -205,7 +152,7 @@ fn lines_of_a_file_are_searched_by_a_command_past_one_that_cannot_be_measured() 
 fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
     let build = |text: &str| {
         let greeting = hello(1, r#""time""#).replace("\"notes\"", &format!("{text}\"notes\""));
-        let history = Commits::greeting(&[USUAL, SLOWER], &greeting);
+        let history = Commits::built(&greeting);
         Script::default().write(&history.0.path(""), "head");
         history
     };
@@ -248,8 +195,8 @@ fn checkouts_have_their_submodules() {
     let from = format!("file://{}", module.0.path("").display());
     let add = "-c protocol.file.allow=always submodule --quiet add";
     git(history.0.path("")).args(add.split(' ')).args([from.as_str(), "module"]).ends(0);
-    history.commit(1, &["."]);
-    history.commit(2, &["."]);
+    history.commit(1);
+    history.commit(2);
     let words = "bisect --good HEAD~1 --gates exact --cells-file cells.toml --out out --build-cmd : --cmd ./module/worker.sh";
     let mut command = history.0.fathom(words);
     let allowed = [("COUNT", "1"), ("KEY_0", "protocol.file.allow"), ("VALUE_0", "always")];

@@ -87,10 +87,6 @@ impl Builds {
         self.0.write("released", "");
     }
 
-    pub fn hold(&self) {
-        fs::remove_file(self.path("released")).ok();
-    }
-
     pub fn stored(&self) -> Comparison {
         Comparison::read(&self.path("out")).unwrap()
     }
@@ -179,6 +175,30 @@ fn what_the_base_does_not_know_is_told() {
     let verdicts = ["one a", "one b", "two a", "two b"].map(|cell| verdict(&stored, cell));
     use CellVerdict::{New, Same};
     assert_eq!(verdicts, [Same, Same, New, New]);
+}
+
+/// What each fault costs is tested in `fathom_compare::rounds`.
+#[test]
+fn what_a_worker_does_wrong_is_told_in_a_line() {
+    let refused = refusal("too hot", false);
+    for (message, answer, reason) in [
+        ("sample", "echo fish", "it answered garbage to `sample`: `fish`"),
+        (
+            "sample",
+            "echo '{\"message\":\"sample\",\"ns\":[-1]}'",
+            "it answered garbage to `sample`",
+        ),
+        ("sample", &refused, "too hot"),
+        ("sample", "exit 3", "it ended with exit status: 3"),
+        ("exact", "echo '{\"message\":\"prepared\",\"stages\":[]}'", "an answer of the wrong kind"),
+    ] {
+        let pattern = format!("\"{message}\"");
+        let head = Script { instead: &[(&pattern, answer)], ..Script::default() };
+        let (_, stored) = Builds::new(&Script::default(), &head).compare(2);
+        let mut reasons = stored.faults.iter().map(|fault| &fault.reason).peekable();
+        assert!(reasons.peek().is_some(), "{reason}");
+        reasons.for_each(|found| holds(found, &[reason]));
+    }
 }
 
 /// A head waits before its greeting when it was started so often. It is started twice before the launches, and once in each.

@@ -8,7 +8,7 @@ use std::path::Path;
 use fathom::compare::store::Comparison;
 use fathom::exporters;
 use fathom::judge::verdict::Verdicts;
-use fathom::record::comparison::{Compared, Gate, PairStates, Side, SideEnvironment, Skip};
+use fathom::record::comparison::{Compared, Gate, PairStates, Side, Skip};
 use fathom::record::{MachineState, Record, ThrottleReason};
 
 use super::common::{CommandOutput, Ends, Place, fathom, holds, names};
@@ -363,57 +363,6 @@ fn cells_that_no_gate_measures_are_refused_before_anything_is_written() {
     let mut compare = place.fathom("compare --gates exact --cells voxel/alpha --out out");
     let CommandOutput { out, .. } = compare.args(base).ends(0);
     assert!(out.contains("alpha voxel/alpha") && !out.contains("encode:"), "{out}");
-}
-
-/// Which adapters are of one device is tested in `judge::adapters`.
-#[test]
-fn times_of_two_versions_of_a_driver_are_judged_and_of_two_drivers_told() {
-    let on = |driver: &str, driver_info: &str| {
-        let slower = Stored::new(&[TRACE, COMPOSE]).same(TRACE).counted(COMPOSE);
-        let mut stored = slower.counts(COMPOSE, 1.5).times(COMPOSE, false, 1.5, 0.004);
-        stored.header.base_adapter = Some(stored.header.adapter.clone());
-        stored.header.adapter.driver = driver.to_owned();
-        stored.header.adapter.driver_info = driver_info.to_owned();
-        stored
-    };
-    let different = || on("SwiftShader driver", "");
-    replay_all([
-        ("a version", on("", "Mesa 24"), 1, "under two versions of its"),
-        ("exact figures", different().configuration(BYTES + 1, 0.01), 1, "allocated_bytes"),
-        ("errors", different().configuration(BYTES, 0.02), 1, "caustics/trace: less accurate"),
-    ]);
-    let told = [
-        "times not judged; 2 cells: 2 not judged",
-        "+50.0 % (49.7 … 50.3), different adapters",
-        "+50.00 %, different adapters",
-    ];
-    replay(different(), 4, &told);
-}
-
-#[test]
-fn what_a_side_alone_was_given_is_told_in_every_report() {
-    let mut comparison = quiet();
-    let hostile = "<b>|1\n2".to_owned();
-    let variables =
-        [("LP_NATIVE".to_owned(), Some("256".to_owned())), ("TOKEN".to_owned(), None)].into();
-    comparison.header.base.environment = SideEnvironment { variables, ..Default::default() };
-    comparison.header.head.environment = SideEnvironment {
-        variables: [("LP_NATIVE".to_owned(), Some(hostile))].into(),
-        values_digest: None,
-    };
-    let text = render("text", comparison.clone()).1;
-    let first = text.lines().next().unwrap();
-    holds(first, &["origin/main (0.1.0) with LP_NATIVE=256, TOKEN → "]);
-    assert!(first.ends_with("with LP_NATIVE=<b>|1 2"), "{first}");
-    for (format, expected) in [
-        ("markdown", "LP_NATIVE=256, TOKEN → "),
-        ("junit", "with LP_NATIVE=&lt;b&gt;|1 2"),
-        ("page", "with LP_NATIVE=&lt;b&gt;|1"),
-    ] {
-        let text = render(format, comparison.clone()).1;
-        holds(&text, &[expected]);
-        assert!(!text.contains("<b>"), "{format}");
-    }
 }
 
 /// The law itself is tested in `judge::time`.

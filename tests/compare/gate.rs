@@ -114,7 +114,6 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         (sample("plan", "compose", 1), "`plan` is not prepared", false),
         (sample("plane", "compos", 1), "has no stage `compos`; it has uniforms, ", true),
         (sample("plane", "encode:compos", 1), "has no stage `compos`; it has uniforms, ", true),
-        (sample("plane", "compose", 0), "frames must lie in 1…", false),
         (prepare("caustics.gird", 1), "did you mean `caustics.grid`", true),
         (prepare("view.width", 1_000_000), "", false),
     ] {

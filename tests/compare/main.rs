@@ -8,9 +8,6 @@ mod common;
 mod folders;
 mod formats;
 mod gate;
-#[cfg(target_os = "linux")]
-mod hostile_workers;
 mod own_worker;
-mod processes;
 mod script;
 mod stored;

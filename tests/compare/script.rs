@@ -37,8 +37,6 @@ pub struct Script<'a> {
     /// As JSON.
     pub error: &'a str,
     pub ns: u64,
-    /// What it does before it prepares.
-    pub first: String,
 }
 
 impl Default for Script<'_> {
@@ -49,7 +47,6 @@ impl Default for Script<'_> {
             bytes: 1000,
             error: "0.01",
             ns: 200,
-            first: ":".to_owned(),
         }
     }
 }
@@ -68,7 +65,7 @@ impl Script<'_> {
     }
 
     fn text(&self) -> String {
-        let Self { hello, instead, bytes, error, ns, first } = self;
+        let Self { hello, instead, bytes, error, ns } = self;
         let instead: String = instead
             .iter()
             .map(|(pattern, command)| format!("*'{pattern}'*) {command};;\n"))
@@ -80,7 +77,7 @@ impl Script<'_> {
         format!(
             "#!/bin/sh\nwhile read -r line; do case \"$line\" in\n{instead}\
              *'\"hello\"'*) {hello};;\n\
-             *'\"prepare\"'*) {first}; echo '{{\"message\":\"prepared\",\"stages\":[{stages}]}}';;\n\
+             *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[{stages}]}}';;\n\
              *'\"exact\"'*) echo '{{\"message\":\"exact\",\"stages\":[{exact}],\"allocated_bytes\":{bytes},\
              \"errors\":{{\"an_error\":{error}}},\"quantities\":{{}},\"notes\":[]}}';;\n\
              *'\"checks\"'*) echo '{{\"message\":\"checks\",\"checks\":[]}}';;\n\

@@ -32,14 +32,12 @@ fn a_failure_tells_the_complaint_or_else_the_status() {
 }
 
 #[test]
-fn what_hangs_floods_or_is_interrupted_is_killed_and_said_so() {
+fn what_hangs_or_is_interrupted_is_killed_and_said_so() {
     let short = Limits { time: Some(Duration::from_millis(10)), interrupted: None };
     for endless in ["exec sleep 3600", "exec >&- 2>&-; exec sleep 3600", "sleep 3600 & wait"] {
         let hung = ran(endless, short).unwrap_err().to_string();
         assert_eq!(hung, "it did not end within 0.01 s and was killed");
     }
-    let flooded = ran("exec yes", Limits::default()).unwrap_err();
-    assert!(matches!(flooded, ProcessError::Flooded), "{flooded}");
     let flag = AtomicBool::new(true);
     let limits = Limits { time: None, interrupted: Some(&flag) };
     let interrupted = ran("exec yes >&2", limits).unwrap_err();
@@ -48,57 +46,29 @@ fn what_hangs_floods_or_is_interrupted_is_killed_and_said_so() {
 
 #[test]
 fn of_endless_complaints_the_last_lines_are_kept() {
-    let one_line = StderrReader::start(io::repeat(b'x').take(100 << 20)).finish().to_string();
-    assert_eq!(one_line, "x".repeat(MAX_LINE) + "…");
     let many: String = (0..100_000).map(|line| format!("{line}\n")).collect();
     let heard = StderrReader::start(io::Cursor::new(many)).finish();
     let lines: Vec<&String> = heard.lines().collect();
     assert_eq!((lines.len(), lines[0].as_str(), lines[19].as_str()), (20, "99980", "99999"));
 }
 
-/// Starts a process in a session of its own, whose parent ends, and then does what `then` says.
-#[cfg(target_os = "linux")]
-fn leaving(number: &Path, then: &str) -> Command {
-    let number = number.display();
-    shell(&format!(
-        "(setsid sh -c 'echo $$ >{number}.part; mv {number}.part {number}; exec sleep 3600' &)\n\
-         while [ ! -e {number} ]; do sleep 0.01; done\n{then}"
-    ))
-}
-
+/// Whether the process whose number a file holds has ended, if only as a zombie of a parent that does not ask.
 #[cfg(target_os = "linux")]
 fn is_gone(number: &Path) -> bool {
     let number = std::fs::read_to_string(number).unwrap();
-    !Path::new("/proc").join(number.trim()).exists()
+    let stat = std::fs::read_to_string(Path::new("/proc").join(number.trim()).join("stat"));
+    stat.is_ok_and(|stat| stat.contains(") Z ")) || !Path::new("/proc").join(number.trim()).exists()
 }
 
+/// A command that ends leaves a process behind that holds its output open.
 #[cfg(target_os = "linux")]
 #[test]
-fn nothing_that_a_command_started_outlives_it() {
+fn what_a_command_leaves_behind_ends_with_it() {
     let folder = tempfile::tempdir().unwrap();
-    let number = folder.path().join("ended");
-    run(&mut leaving(&number, "exit 0"), Limits::TOOL, &mut |_| ()).unwrap();
-    assert!(is_gone(&number));
-    let number = folder.path().join("killed");
-    let mut tree = ProcessTree::spawn(&mut leaving(&number, "exec sleep 3600")).unwrap();
-    while !number.exists() {
+    let number = folder.path().join("left");
+    let left = format!("sleep 3600 & echo $! >{}", number.display());
+    ran(&left, Limits::TOOL).unwrap();
+    while !is_gone(&number) {
         std::thread::sleep(POLL);
     }
-    assert!(!is_gone(&number));
-    tree.kill();
-    assert!(is_gone(&number));
-}
-
-/// Its own process is pinned and asked for its state, not its guardian's.
-#[cfg(target_os = "linux")]
-#[test]
-fn the_number_is_the_commands() {
-    let mut command = shell("echo $$; exec cat");
-    command.stdin(Stdio::piped()).stdout(Stdio::piped());
-    let mut tree = ProcessTree::spawn(&mut command).unwrap();
-    let mut told = String::new();
-    let id = tree.id();
-    drop(tree.stdin.take());
-    tree.stdout.take().unwrap().read_to_string(&mut told).unwrap();
-    assert_eq!(told.trim(), id.to_string());
 }

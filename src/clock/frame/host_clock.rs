@@ -4,11 +4,9 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use fathom_record::{Clock, ClockPlan};
-use serde::{Deserialize, Serialize};
 
 /// What time means to the host.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HostClock {
     #[default]
     Wall,

@@ -306,11 +306,6 @@ impl<'a> Query<'a> {
     }
 }
 
-struct PassQueries<'a> {
-    timestamps: Option<Query<'a>>,
-    statistics: Option<Query<'a>>,
-}
-
 impl<'a> StageScope<'a> {
     /// Which of the stage's [`turns`](TimedStage::iterations) this is.
     pub fn turn(&self) -> u32 {
@@ -320,7 +315,7 @@ impl<'a> StageScope<'a> {
     /// A compute pass.
     pub fn compute(&mut self, f: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
         let label = Some(self.name);
-        let (encoder, PassQueries { timestamps, statistics }) = self.begin(PassKind::Compute);
+        let (encoder, [timestamps, statistics]) = self.begin(PassKind::Compute);
         let timestamp_writes = timestamps.map(Query::of_compute);
         let descriptor = wgpu::ComputePassDescriptor { label, timestamp_writes };
         let mut pass = encoder.begin_compute_pass(&descriptor);
@@ -356,7 +351,7 @@ impl<'a> StageScope<'a> {
         let counted = matches!(self.mode, FrameMode::Counted { .. });
         let at_once = if counted { 1 } else { passes.len().max(1) };
         for (series, begin) in passes.chunks(at_once).zip((0..).step_by(at_once)) {
-            let (encoder, PassQueries { timestamps, statistics }) = self.begin(PassKind::Render);
+            let (encoder, [timestamps, statistics]) = self.begin(PassKind::Render);
             for (place, targets) in series.iter().enumerate() {
                 let (first, last) = (place == 0, place + 1 == series.len());
                 let timestamps = timestamps.filter(|_| first || last);
@@ -376,7 +371,7 @@ impl<'a> StageScope<'a> {
 
     /// Copies and clears. `f` must not open passes of its own: they would count as copying.
     pub fn copy(&mut self, f: impl FnOnce(&mut wgpu::CommandEncoder)) {
-        let (encoder, PassQueries { timestamps, .. }) = self.begin(PassKind::Copy);
+        let (encoder, [timestamps, _]) = self.begin(PassKind::Copy);
         if let Some(Query { set, first }) = timestamps {
             encoder.write_timestamp(set, first);
         }
@@ -397,16 +392,14 @@ impl<'a> StageScope<'a> {
         self.recorder.host.push(HostWork { stage: self.stage, ns });
     }
 
-    /// Records a pass, and returns the encoder to open it in and its queries.
-    fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, PassQueries<'a>) {
+    /// Records a pass, and returns the encoder to open it in and its queries: of timestamps, and of statistics.
+    fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, [Option<Query<'a>>; 2]) {
         if self.mode.fences(kind) {
             self.recorder.close(false);
         }
         let query = self.recorder.add(self.mode, self.stage, kind);
-        let queries = match self.mode {
-            FrameMode::Counted { .. } => PassQueries { timestamps: None, statistics: query },
-            _ => PassQueries { timestamps: query, statistics: None },
-        };
+        let counted = matches!(self.mode, FrameMode::Counted { .. });
+        let queries = if counted { [None, query] } else { [query, None] };
         let encoder = self.recorder.encoder.get_or_insert_with(|| {
             self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
         });

@@ -216,36 +216,6 @@ fn damaged_runs_are_named_and_not_stored() {
     history("add run").env("GIT_DIR", "/nowhere").refused("of which commit is this run?");
 }
 
-/// It may be the address of a database with a password. The first three name no file, the last two cannot be made one.
-#[test]
-fn a_place_that_is_no_file_is_not_shown() {
-    let (place, _) = sqlite();
-    place.write("u:s3cret@h", "");
-    let long = format!("pwd=s3cret{}", "a".repeat(300));
-    for (db, words) in [
-        ("PASSWORD = s3cret", "list"),
-        ("pwd=s3cret", "changes"),
-        ("u:p@h/s3cret", "show --out page"),
-        ("u:s3cret@h/x", &add("run", "c0ffee")),
-        (&long, &add("run", "c0ffee")),
-    ] {
-        let output = history(&place.path(""), db, words).refused("--db");
-        assert!(!output.contains("s3cret"), "{db:.40}: {output}");
-    }
-}
-
-#[test]
-fn names_that_are_too_long_are_refused() {
-    let (_place, history) = sqlite();
-    let long = "b".repeat(70_000);
-    for name in ["commit", "branch", "machine"] {
-        let other = ["commit", "branch"].into_iter().filter(|other| *other != name);
-        let others: String = other.map(|other| format!(" --{other} c0ffee")).collect();
-        let mut output = history(&format!("add run --{name} {long}{others}"));
-        output.refused(&format!("the {name} has 70000 characters; the most are 250"));
-    }
-}
-
 #[test]
 fn packed_records_are_the_same_run() {
     let (place, history) = sqlite();
