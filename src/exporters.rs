@@ -133,7 +133,8 @@ impl ReportFolders {
         let mut errors = Vec::new();
         for folder in folders {
             if let Err(error) = all.add(folder) {
-                all.left_out.push(SkippedInput::new(private::path(folder), format!("{error:#}")));
+                let reason = private::redact(&format!("{error:#}"));
+                all.left_out.push(SkippedInput::new(private::path(folder), reason));
                 errors.push(error);
             }
         }

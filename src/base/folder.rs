@@ -1,10 +1,12 @@
-//! Files in a folder that a user names. A file is written beside its place and moved there when it is whole.
+//! Files in a folder that a user names, which can hold other people's files. The folder itself may be a symbolic link; beneath it no
+//! link is followed, and only regular files are read, replaced and removed. A file is written beside its place and moved there when it
+//! is whole.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Component, Path, PathBuf};
 
-use crate::input;
+use crate::input::{self, kind_name};
 
 /// A folder that is there. Names of files are paths beneath it.
 #[derive(Clone, Debug)]
@@ -23,6 +25,12 @@ pub fn open_parent(path: &Path) -> io::Result<(Dir, &Path)> {
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let (folder, name) = open_parent(path)?;
     folder.write(name, bytes)
+}
+
+/// The bytes of a file that lies beneath its folder, decompressed as [`input::unpacked`] does.
+pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
+    let (folder, name) = open_parent(path)?;
+    input::unpack(folder.read(name)?, limit)
 }
 
 /// Something has this name, if only a link that leads nowhere.
@@ -47,12 +55,33 @@ impl Dir {
         &self.path
     }
 
-    /// Records name pictures, and anyone may have written them.
+    /// Makes a folder beneath, where it is not there.
+    pub fn make_beneath(&self, name: &str) -> io::Result<()> {
+        let path = self.path.join(name);
+        match path.symlink_metadata() {
+            Ok(found) if !found.is_dir() => {
+                Err(refusal(Path::new(name), kind_name(found.file_type())))
+            }
+            _ => std::fs::create_dir_all(path),
+        }
+    }
+
+    /// The path of a name at which there is a regular file or nothing.
     fn place(&self, name: &Path) -> io::Result<PathBuf> {
-        let mut parts = name.components();
-        let is_within = parts.clone().all(|part| matches!(part, Component::Normal(_)));
-        let is_within = is_within && parts.next().is_some();
-        if is_within { Ok(self.path.join(name)) } else { Err(outside(name)) }
+        let mut path = self.path.clone();
+        let mut parts = name.components().peekable();
+        while let Some(part) = parts.next() {
+            let Component::Normal(part) = part else { return Err(outside(name)) };
+            path.push(part);
+            match path.symlink_metadata() {
+                Ok(found) if parts.peek().is_some() && found.is_dir() => {}
+                Ok(found) if parts.peek().is_none() && found.is_file() => {}
+                Ok(found) => return Err(refusal(Path::new(part), kind_name(found.file_type()))),
+                Err(error) if error.kind() == ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
+            }
+        }
+        if path == self.path { Err(outside(name)) } else { Ok(path) }
     }
 
     /// A regular file has this name.
@@ -61,12 +90,13 @@ impl Dir {
     }
 
     pub fn read(&self, name: impl AsRef<Path>) -> io::Result<File> {
-        input::open(&self.place(name.as_ref())?)
+        File::open(self.place(name.as_ref())?)
     }
 
     /// Opens a file to read it and to add to its end. It is made where it is not there.
     pub fn append(&self, name: impl AsRef<Path>) -> io::Result<File> {
-        OpenOptions::new().read(true).append(true).create(true).open(self.place(name.as_ref())?)
+        let path = self.place(name.as_ref())?;
+        OpenOptions::new().read(true).append(true).create(true).open(path)
     }
 
     /// Its bytes, no more than `limit`.
@@ -95,10 +125,21 @@ impl Dir {
         file.persist(path).map_err(|error| error.error)?;
         Ok(())
     }
+
+    /// Removes a file.
+    pub fn remove(&self, name: impl AsRef<Path>) -> io::Result<()> {
+        std::fs::remove_file(self.place(name.as_ref())?)
+    }
 }
 
 fn outside(name: &Path) -> io::Error {
     let message = format!("`{}` is no path within its folder", name.display());
+    io::Error::new(ErrorKind::InvalidInput, message)
+}
+
+fn refusal(name: &Path, kind: &str) -> io::Error {
+    let message =
+        format!("`{}` is {kind}; only regular files are read and replaced", name.display());
     io::Error::new(ErrorKind::InvalidInput, message)
 }
 
@@ -122,21 +163,72 @@ mod tests {
         assert_eq!(folder.bytes("x", 2).unwrap_err().kind(), ErrorKind::FileTooLarge);
         folder.append("x").unwrap().write_all(b"+").unwrap();
         assert_eq!(folder.bytes("x", 9).unwrap(), b"one+");
-        assert!(folder.has_file("x") && !folder.has_file("z"));
-        for name in ["../a", "/etc/hosts", ""] {
-            assert!(!folder.has_file(name) && folder.write(name, b"").is_err(), "{name}");
-        }
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        folder.make_beneath("c").unwrap();
+        folder.write("c/y", b"").unwrap();
+        assert!(folder.has_file("c/y") && !folder.has_file("c") && !folder.has_file("z"));
+        folder.remove("c/y").unwrap();
+        let left: Vec<_> = fs::read_dir(folder.path().join("c")).unwrap().collect();
+        assert!(left.is_empty(), "{left:?}");
     }
 
     #[cfg(unix)]
     #[test]
-    fn what_is_written_can_be_read_by_whom_any_new_file_can() {
-        use std::os::unix::fs::PermissionsExt;
+    fn links_pipes_folders_and_paths_out_of_the_folder_are_refused_and_stay() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
         let place = tempfile::tempdir().unwrap();
-        Dir::open(place.path()).unwrap().write("own", b"own").unwrap();
-        fs::write(place.path().join("usual"), "").unwrap();
-        let mode = |name| place.path().join(name).metadata().unwrap().permissions().mode();
-        assert_eq!(mode("own"), mode("usual"));
+        let precious = place.path().join("precious");
+        fs::create_dir(&precious).unwrap();
+        fs::write(precious.join("a"), "keep").unwrap();
+        let folder = Dir::make(&place.path().join("own")).unwrap();
+        folder.write("own", b"own").unwrap();
+        let links = [
+            (precious.join("a"), "link"),
+            (precious.clone(), "linked"),
+            ("nowhere".into(), "dangling"),
+            ("own".into(), "inner"),
+        ];
+        for (to, name) in links {
+            symlink(to, folder.path().join(name)).unwrap();
+        }
+        folder.make_beneath("folder").unwrap();
+        let made = std::process::Command::new("mkfifo").arg(folder.path().join("pipe")).status();
+        assert!(made.unwrap().success());
+        let absolute = precious.join("a").display().to_string();
+        for (name, what) in [
+            ("link", "a symbolic link"),
+            ("dangling", "a symbolic link"),
+            ("inner", "a symbolic link"),
+            ("linked/a", "a symbolic link"),
+            ("linked/new", "a symbolic link"),
+            ("folder", "a folder"),
+            ("pipe", "a pipe"),
+            ("own/x", "a file"),
+            ("../precious/a", "no path within"),
+            (&absolute, "no path within"),
+            ("", "no path within"),
+        ] {
+            let tried = [
+                folder.read(name).map(drop),
+                folder.append(name).map(drop),
+                folder.write(name, b"lost"),
+                folder.remove(name),
+            ];
+            for result in tried {
+                let message = result.unwrap_err().to_string();
+                assert!(message.contains(what), "{name}: {message}");
+            }
+            assert!(!folder.has_file(name), "{name}");
+        }
+        assert!(folder.make_beneath("linked").is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 7);
+        assert_eq!(fs::read_dir(&precious).unwrap().count(), 1);
+        // The folder that the user names may be a link.
+        let linked = Dir::open(&folder.path().join("linked")).unwrap();
+        assert_eq!(linked.bytes("a", 9).unwrap(), b"keep");
+        // What is written can be read by whom any new file can.
+        let usual = place.path().join("usual");
+        fs::write(&usual, "").unwrap();
+        let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+        assert_eq!(mode(&folder.path().join("own")), mode(&usual));
     }
 }

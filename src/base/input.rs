@@ -1,7 +1,7 @@
 //! Files that a user names, read with a limit: only regular files are read, and a file that is larger ends in an error that names
 //! the limit.
 
-use std::fs::{self, File};
+use std::fs::{self, File, FileType};
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Take};
 use std::path::Path;
 
@@ -22,9 +22,18 @@ pub fn open(path: &Path) -> io::Result<File> {
     if kind.is_file() {
         return File::open(path);
     }
-    let kind = if kind.is_dir() { "a folder" } else { "a pipe or a device" };
-    let message = format!("it is {kind}, and only regular files are read");
+    let message = format!("it is {}, and only regular files are read", kind_name(kind));
     Err(io::Error::new(ErrorKind::InvalidInput, message))
+}
+
+/// What a file is, for people.
+pub(crate) fn kind_name(kind: FileType) -> &'static str {
+    match kind {
+        kind if kind.is_symlink() => "a symbolic link",
+        kind if kind.is_dir() => "a folder",
+        kind if kind.is_file() => "a file",
+        _ => "a pipe or a device",
+    }
 }
 
 /// A source that fails where it gives more than its limit.
@@ -80,7 +89,12 @@ pub fn open_limited(path: &Path, limit: u64) -> io::Result<Limited<File>> {
 
 /// A file's bytes, decompressed where it starts as gzip does; no more than `limit` before and after.
 pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
-    let mut file = BufReader::new(open_limited(path, limit)?);
+    unpack(open(path)?, limit)
+}
+
+/// The same of an open file.
+pub fn unpack(file: File, limit: u64) -> io::Result<Box<dyn Read>> {
+    let mut file = BufReader::new(limited(file, limit)?);
     Ok(if file.fill_buf()?.starts_with(&GZIP) {
         Box::new(Limited::new(MultiGzDecoder::new(file), limit))
     } else {

@@ -1,4 +1,5 @@
-//! What records tell of the machine and of the user's folders: enough to tell machines and files apart, because records are published.
+//! What records tell of the machine and of the user's folders: enough to tell machines and files apart, and no more, because
+//! records are published.
 
 use std::path::Path;
 
@@ -6,6 +7,9 @@ use sha2::{Digest, Sha256};
 
 /// Bytes of the digest that stands for a machine: among a thousand machines two have the same once in 9,000 times.
 const MACHINE_BYTES: usize = 4;
+/// What a path in a text ends at.
+const AFTER_PATH: &[char] =
+    &['"', '\'', '`', '(', ')', '[', ']', '{', '}', '<', '>', ',', ';', ':', '=', '|'];
 
 /// A name for this machine that is the same in all its records and tells neither its host name nor its id. Where the system has
 /// no id, one who guesses the host name can confirm the guess.
@@ -37,9 +41,55 @@ pub fn relative(word: &str) -> String {
     if is_inner { path(Path::new(word)) } else { word.to_owned() }
 }
 
-/// The command line of this process, with absolute paths as [`path`] gives them.
+/// A command line of this process.
 pub fn command() -> Vec<String> {
-    std::env::args_os().map(|word| path(Path::new(&word))).collect()
+    let shown = |word: std::ffi::OsString| {
+        if Path::new(&word).is_absolute() {
+            path(Path::new(&word))
+        } else {
+            redact(&word.to_string_lossy())
+        }
+    };
+    std::env::args_os().map(shown).collect()
+}
+
+/// A text with the absolute paths in it as [`path`] gives them.
+pub fn redact(text: &str) -> String {
+    let is_beside_path = |c: char| c.is_whitespace() || AFTER_PATH.contains(&c);
+    // Names of these folders may hold what ends a path elsewhere, such as spaces.
+    let folders = [(std::env::current_dir().ok(), ""), (std::env::home_dir(), "/~/")];
+    let folders =
+        folders.map(|(path, by)| (format!("{}/", path.unwrap_or_default().display()), by));
+    let whole = folders.iter().filter(|(folder, _)| folder.len() > 2);
+    let text = whole.fold(text.to_owned(), |text, (folder, by)| text.replace(folder, by));
+    let shown = |word: &str| {
+        let path = word.trim_end_matches(is_beside_path);
+        match path.trim_end_matches('/').rsplit_once('/') {
+            // `https://` and comments are no paths, nor is a lone name after a stroke: `1 /s`.
+            Some((folder, last)) if folder.starts_with('/') && !folder.starts_with("//") => {
+                format!("{last}{}", &word[path.len()..])
+            }
+            _ => word.to_owned(),
+        }
+    };
+    text.split_inclusive(is_beside_path).map(shown).collect()
+}
+
+/// What a command of the shell runs: the last part of its program's path. Variables and arguments may hold secrets.
+pub fn program(command: &str) -> String {
+    // What a substitution in the command's place is made of could pass for the program.
+    let is_plain = !command.contains("$(") && !command.contains('`');
+    let words = is_plain.then(|| shlex::split(command)).flatten().unwrap_or_default();
+    let mut words = words.iter().map(String::as_str);
+    while let Some(word) = words.next() {
+        match word {
+            "cd" => drop(words.find(|word| *word == "&&")),
+            "exec" | "env" | ";" => {}
+            _ if word.contains('=') || word.starts_with('-') => {}
+            _ => return Path::new(word).file_name().unwrap_or_default().to_string_lossy().into(),
+        }
+    }
+    "command".to_owned()
 }
 
 /// The machine's name, where the system tells it. It is private: no record holds it.
@@ -75,5 +125,48 @@ mod tests {
         let outside = "/home/jo smith/x.toml";
         assert_eq!(relative(outside), outside);
         assert_eq!(relative(&current.join("x.toml").to_string_lossy()), "x.toml");
+    }
+
+    #[test]
+    fn of_a_command_only_its_program_is_told() {
+        for (command, shown) in [
+            ("API_KEY=k3y exec python3 w.py --token t0ken", "python3"),
+            ("cd \"$FATHOM_BASE_CHECKOUT\" && exec ./bin/worker --key=k3y", "worker"),
+            ("KEY='k3y && t0ken' env -i /opt/x/w.sh", "w.sh"),
+            ("KEY=$(echo k3y t0ken) python3 w.py", "command"),
+            ("KEY=`echo k3y t0ken` python3 w.py", "command"),
+            ("KEY='k3y t0ken", "command"),
+            ("", "command"),
+        ] {
+            assert_eq!(program(command), shown);
+        }
+    }
+
+    #[test]
+    fn texts_keep_all_but_the_folders_of_their_paths() {
+        let current = std::env::current_dir().unwrap();
+        let current = current.display();
+        let home = std::env::home_dir().unwrap();
+        let home = home.display();
+        for (text, shown) in [
+            ("cannot read /data/jo/x.obj: gone", "cannot read x.obj: gone"),
+            ("`/data/jo/x.obj`, `/data/jo/y/`", "`x.obj`, `y`"),
+            ("scene=/data/jo/a.toml,/data/jo/b.toml", "scene=a.toml,b.toml"),
+            ("--out=/data/jo/run", "--out=run"),
+            ("/data/jo", "jo"),
+            // No paths.
+            (
+                "12 /s and 3 m/s², and/or https://example.org/a/b // all",
+                "12 /s and 3 m/s², and/or https://example.org/a/b // all",
+            ),
+            ("a / b", "a / b"),
+            ("/", "/"),
+            ("", ""),
+        ] {
+            assert_eq!(redact(text), shown);
+        }
+        assert_eq!(redact(&format!("see {current}/runs/one/x.png")), "see runs/one/x.png");
+        assert_eq!(redact(&format!("see {home}/some/x.png")), "see x.png");
+        assert_eq!(redact(&format!("see {current}x/y")), "see y");
     }
 }

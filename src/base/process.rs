@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::fmt;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,11 +13,13 @@ use std::time::{Duration, Instant};
 use itertools::Itertools;
 use thiserror::Error;
 
+use crate::input::{LineEnd, next_line};
 use crate::text;
 
 /// Longest time of a tool that may check out a repository or download 200 MB, more than any asset's package, at 3 Mbit/s.
 const TOOL_TIME: Duration = Duration::from_secs(600);
-/// Lines of complaint that are kept.
+/// Bytes that are kept of a line of complaint, and lines: together 10 KiB.
+const MAX_LINE: usize = 512;
 const LAST_LINES: usize = 20;
 /// Lines that may wait to be told. A process that writes more waits for its reader.
 const LINES_AHEAD: usize = 64;
@@ -215,10 +217,14 @@ fn listen(tree: &mut ProcessTree, said: SyncSender<ChildStream>) {
     }
 }
 
-/// Hands on the lines that hold anything, until `take` wants no more.
+/// Hands on the lines that hold anything, of long ones the beginning, until `take` wants no more.
 fn each_line(output: impl Read, mut take: impl FnMut(String) -> bool) {
-    for bytes in BufReader::new(output).split(b'\n').map_while(Result::ok) {
-        let line = text::line(String::from_utf8_lossy(&bytes).trim_end());
+    let (mut source, mut bytes) = (BufReader::new(output), Vec::new());
+    while let Ok(Some(end)) = next_line(&mut source, MAX_LINE, &mut bytes) {
+        let mut line = text::line(String::from_utf8_lossy(&bytes).trim_end());
+        if end == LineEnd::TooLong {
+            line.push('…');
+        }
         if !line.is_empty() && !take(line) {
             return;
         }

@@ -9,6 +9,10 @@ use sha2::{Digest, Sha256};
 
 /// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
 pub const ID_LENGTH: usize = 64;
+/// Longest name of a commit, a branch, a machine or an adapter.
+const NAME_LENGTH: usize = 250;
+/// Widest column of a table: `format!` pads to 65,535 characters at most.
+const COLUMN_WIDTH: usize = 1000;
 /// Characters of a name that a file's name keeps.
 const STEM_LENGTH: usize = 120;
 /// Bytes of the hash that tells shortened and replaced names apart: 64 bits.
@@ -163,10 +167,18 @@ pub fn check_id(id: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Rows whose cells stand below one another.
+/// Whether a name that a user, a repository or a worker gives can stand in every table.
+pub fn check_length(what: &str, name: &str) -> Result<(), String> {
+    match name.chars().count() {
+        ..=NAME_LENGTH => Ok(()),
+        count => Err(format!("the {what} has {count} characters; the most are {NAME_LENGTH}")),
+    }
+}
+
+/// Rows whose cells stand below one another, but for the last and those wider than `COLUMN_WIDTH`.
 pub fn columns<R: AsRef<[String]>>(rows: &[R]) -> Vec<String> {
     let rows = || rows.iter().map(AsRef::as_ref);
-    let width = |cell: &str| cell.chars().count();
+    let width = |cell: &str| cell.chars().count().min(COLUMN_WIDTH);
     let widest = |column: usize| rows().map(|row| width(&row[column])).max();
     let count = rows().map(<[String]>::len).min().unwrap_or(0);
     let widths: Vec<usize> = (0..count).map(|column| widest(column).unwrap_or(0)).collect();
@@ -307,9 +319,14 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_as_wide_as_their_widest_cell() {
-        let rows = [["µµµ", "b"], ["a", "c"]].map(|row| row.map(str::to_owned));
-        assert_eq!(columns(&rows), ["µµµ  b", "a    c"]);
+    fn columns_are_as_wide_as_their_widest_cell_up_to_a_limit() {
+        for length in [3, 70_000] {
+            let rows = [["µ".repeat(length), "b".into()], ["a".into(), "c".into()]];
+            let padding = " ".repeat(length.min(COLUMN_WIDTH) - 1);
+            let expected = [format!("{}  b", "µ".repeat(length)), format!("a{padding}  c")];
+            assert!(columns(&rows) == expected, "{length}");
+            assert_eq!(check_length("branch", &rows[0][0]).is_ok(), length == 3);
+        }
     }
 
     #[test]

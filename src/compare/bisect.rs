@@ -330,7 +330,10 @@ impl Bisection<'_> {
         let filter = self.options.filter.clone();
         let stored = self.compare(ENDS, bad, filter, self.options.settings.clone())?;
         let verdicts = Verdicts::judge(&stored);
-        let mut regressed = regressed(&verdicts);
+        let (mut status, mut regressed) = (verdicts.status, regressed(&verdicts));
+        if regressed.is_empty() && status == Status::Inconclusive {
+            (status, regressed) = self.open_ends(bad, &verdicts)?;
+        }
         let size = |of: &RegressedCell| fathom_base::statistics::median(&of.launches);
         // Figures without noise are searched for first.
         regressed.sort_by(|a, b| {
@@ -342,7 +345,37 @@ impl Bisection<'_> {
         let mut others: Vec<CellId> = regressed.map(|of| of.cell).collect();
         others.dedup();
         others.retain(|cell| first.as_ref().is_none_or(|first| first.cell != *cell));
-        Ok((verdicts.status, first, others))
+        Ok((status, first, others))
+    }
+
+    /// Measures each cell alone that noise leaves open between the ends, the one that seems slowest first, until one is slower.
+    /// Together these cells raise a false alarm as seldom as the comparison before.
+    fn open_ends(
+        &self,
+        bad: &Candidate,
+        verdicts: &Verdicts<'_>,
+    ) -> Result<(Status, Vec<RegressedCell>)> {
+        let settings = &self.options.settings;
+        let of_cells = verdicts.cells.iter().filter(|cell| cell.may_be_slower(settings.threshold));
+        let mut open: Vec<_> = of_cells.filter_map(|cell| cell.time.as_ref()).collect();
+        open.sort_by(|a, b| b.change.median.total_cmp(&a.change.median));
+        let alpha = settings.alpha / open.len().max(1) as f64;
+        let mut worst = Status::NoRegression;
+        for cell in open.iter().map(|time| &time.cell) {
+            (self.maker.report)(&format!("open between the ends: {cell}, measured alone"));
+            let settings = GateSettings { gates: vec![Gate::Time], alpha, ..settings.clone() };
+            let name = format!("{ENDS}-{}", text::file_stem(cell.as_str()));
+            let stored = self.compare(&name, bad, Some(cell.to_string()), settings)?;
+            let verdicts = Verdicts::judge(&stored);
+            let found = regressed(&verdicts);
+            if !found.is_empty() {
+                return Ok((verdicts.status, found));
+            }
+            if verdicts.status != Status::NoRegression {
+                worst = verdicts.status;
+            }
+        }
+        Ok((worst, Vec::new()))
     }
 
     fn search(&self, of: RegressedCell, others: Vec<CellId>) -> Result<BisectResult> {

@@ -53,7 +53,9 @@ pub fn revision(
     let repository = repository(folder)?;
     let commit = commit(&repository, revision)?;
     let cache = repository.join(CACHE);
-    let fingerprint = build_fingerprint(&compiler(&repository)?, target, std::env::vars_os());
+    let (configurations, variables) = (cargo_configurations(&cache), std::env::vars_os());
+    let fingerprint =
+        build_fingerprint(&compiler(&repository)?, target, variables, &configurations);
     let kept = cache.join("builds").join(format!("{commit}-{fingerprint}"));
     let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
     if program.is_file() {
@@ -83,11 +85,22 @@ fn compiler(folder: &Path) -> Result<String> {
         .map_err(|reason| anyhow!("`rustc -vV` failed: {reason}"))
 }
 
+/// What cargo's configuration files hold that count in a folder, beside those of the checkout in it (The Cargo Book, *Configuration*,
+/// "Hierarchical structure").
+fn cargo_configurations(folder: &Path) -> Vec<Vec<u8>> {
+    let of_user = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let of_user = of_user.or_else(|| Some(std::env::home_dir()?.join(".cargo")));
+    let folders = folder.ancestors().map(|folder| folder.join(".cargo")).chain(of_user);
+    let files = folders.flat_map(|folder| ["config", "config.toml"].map(|name| folder.join(name)));
+    files.filter_map(|file| std::fs::read(file).ok()).collect()
+}
+
 /// A short name of all that decides what is built of a commit.
 fn build_fingerprint(
     compiler: &str,
     target: CargoTarget,
     variables: impl IntoIterator<Item = (OsString, OsString)>,
+    configurations: &[Vec<u8>],
 ) -> String {
     let counts = |name: &str| {
         VARIABLES.contains(&name) || PREFIXES.iter().any(|prefix| name.starts_with(prefix))
@@ -95,7 +108,7 @@ fn build_fingerprint(
     let variables = variables.into_iter().filter(|(name, _)| name.to_str().is_some_and(counts));
     let variables: Vec<_> = variables.sorted().collect();
     // Written as values of Rust, none of them passes for another.
-    let all = format!("{compiler:?} {target:?} {variables:?}");
+    let all = format!("{compiler:?} {target:?} {variables:?} {configurations:?}");
     hex::encode(Sha256::digest(all))[..FINGERPRINT_DIGITS].to_owned()
 }
 
@@ -356,25 +369,35 @@ mod tests {
 
     #[test]
     fn whatever_changes_what_is_built_makes_another_build() {
-        let plain = |variables: &[(&str, &str)]| {
+        let plain = |variables: &[(&str, &str)], configurations: &[&str]| {
             let variables = variables.iter().map(|(name, value)| (name.into(), value.into()));
-            build_fingerprint("rustc 1", TARGET, variables)
+            let configurations: Vec<_> =
+                configurations.iter().map(|text| text.as_bytes().to_vec()).collect();
+            build_fingerprint("rustc 1", TARGET, variables, &configurations)
         };
         let other = CargoTarget { package: "other", ..TARGET };
         let fingerprints = [
-            plain(&[]),
-            build_fingerprint("rustc 2", TARGET, []),
-            build_fingerprint("rustc 1", other, []),
-            plain(&[("RUSTFLAGS", "")]),
-            plain(&[("RUSTFLAGS", "-Ctarget-cpu=native")]),
-            plain(&[("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")]),
-            plain(&[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0")]),
-            plain(&[("CARGO_BUILD_TARGET", "x86_64-unknown-linux-gnu")]),
-            plain(&[("CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER", "lld")]),
+            plain(&[], &[]),
+            build_fingerprint("rustc 2", TARGET, [], &[]),
+            build_fingerprint("rustc 1", other, [], &[]),
+            plain(&[("RUSTFLAGS", "")], &[]),
+            plain(&[("RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
+            plain(&[("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
+            plain(&[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0")], &[]),
+            plain(&[("CARGO_BUILD_TARGET", "x86_64-unknown-linux-gnu")], &[]),
+            plain(&[("CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER", "lld")], &[]),
+            plain(&[], &["[profile.release]\nlto = true"]),
+            plain(&[], &["", "[profile.release]\nlto = true"]),
         ];
         let different: BTreeSet<&String> = fingerprints.iter().collect();
         assert_eq!(different.len(), fingerprints.len(), "{fingerprints:?}");
-        assert_eq!(plain(&[("PATH", "/bin"), ("CARGO_TERM_COLOR", "never")]), fingerprints[0]);
+        assert_eq!(plain(&[("PATH", "/bin"), ("CARGO_TERM_COLOR", "never")], &[]), fingerprints[0]);
+        let folder = tempfile::tempdir().unwrap();
+        let before = cargo_configurations(folder.path()).len();
+        let deep = folder.path().join("a/b");
+        std::fs::create_dir_all(folder.path().join(".cargo")).unwrap();
+        std::fs::write(folder.path().join(".cargo/config.toml"), "[build]").unwrap();
+        assert_eq!(cargo_configurations(&deep).len(), before + 1);
     }
 
     #[test]

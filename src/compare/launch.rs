@@ -3,9 +3,9 @@
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{ChildStdin, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -14,8 +14,8 @@ use thiserror::Error;
 use super::environment::{self, Environment};
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use fathom_base::process::{ProcessTree, StderrReader};
-use fathom_base::quiet;
 pub use fathom_base::quiet::{Quiet, allowed_cores};
+use fathom_base::{quiet, text};
 use fathom_gpu as gpu;
 use fathom_gpu::ClockPlan;
 use fathom_record::MachineState;
@@ -23,8 +23,19 @@ use fathom_record::comparison::CellId;
 
 /// Runs the command of a worker that is no build of fathom.
 const SHELL: &str = "sh";
-/// Characters of a garbled reply that its fault shows.
+/// A reply longer than this is garbage. The longest of fathom's own have some 50 KiB. Of one reply come lines of records, which are
+/// 4.5 times as long where numbers are written out, and may have 8 MiB.
+const MAX_REPLY_BYTES: u64 = 1 << 20;
+/// Replies that wait to be read. A worker that writes more, which nobody asked for, waits itself.
+const REPLIES_AHEAD: usize = 1;
+/// Characters of a garbled reply that its fault shows, and of a name.
 const EXCERPT: usize = 80;
+/// The same of the reason that a worker gives.
+const REASON: usize = 1000;
+/// Shortest time of a frame that is believed: below a picosecond it is none, and ratios to it have no logarithm.
+const SHORTEST_NS: f64 = 1e-3;
+/// What a sample may be longer than its request: as the audit allows of timestamps, which another clock counts.
+const CLOCK_TOLERANCE: f64 = 1.15;
 /// A worker that was asked to end is killed after this.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 /// A reply that takes longer than this is announced as being waited for.
@@ -161,8 +172,8 @@ impl WorkerStart {
 pub struct WorkerProcess {
     name: &'static str,
     tree: ProcessTree,
-    /// None after the last request.
-    requests: Option<ChildStdin>,
+    /// Lines for its standard input, which it may leave unread. None after the last.
+    requests: Option<Sender<String>>,
     replies: Receiver<std::io::Result<String>>,
     errors: Option<StderrReader>,
     request: RequestKind,
@@ -196,12 +207,16 @@ impl WorkerProcess {
             program: command.get_program().into(),
             reason: error.to_string(),
         })?;
-        let (sender, replies) = channel();
+        let (sender, replies) = sync_channel(REPLIES_AHEAD);
         if let Some(output) = tree.child.stdout.take() {
             std::thread::spawn(move || read_replies(output, &sender));
         }
+        let (requests, written) = channel();
+        if let Some(input) = tree.child.stdin.take() {
+            std::thread::spawn(move || write_requests(input, &written));
+        }
         let errors = tree.child.stderr.take().map(StderrReader::start);
-        let (requests, request) = (tree.child.stdin.take(), RequestKind::Hello);
+        let (requests, request) = (Some(requests), RequestKind::Hello);
         Ok(Self { name: start.name, tree, requests, replies, errors, request })
     }
 
@@ -212,12 +227,11 @@ impl WorkerProcess {
         }
         self.request = request.into();
         let line = serde_json::to_string(request).unwrap_or_default() + "\n";
-        let requests = self.requests.as_mut();
-        let sent = requests.is_some_and(|requests| requests.write_all(line.as_bytes()).is_ok());
+        let sent = self.requests.as_ref().is_some_and(|requests| requests.send(line).is_ok());
         if sent { Ok(()) } else { Err(self.exit_fault()) }
     }
 
-    /// The reply to the last request. After a fault that does not [go on](WorkerFault::is_alive) the worker is dead.
+    /// The reply to the last request, of its kind. After a fault that does not [go on](WorkerFault::is_alive) the worker is dead.
     pub fn receive(&mut self, waiting: &ReplyWait<'_>) -> Result<Reply, WorkerFault> {
         let is_sample = self.request == RequestKind::Sample;
         let patience = if is_sample { SAMPLE_TIMEOUT } else { REPLY_TIMEOUT };
@@ -261,11 +275,13 @@ impl WorkerProcess {
                 if fatal {
                     self.tree.kill();
                 }
-                Err(WorkerFault::Refused { reason, fatal, absent })
+                Err(WorkerFault::Refused { reason: excerpt(&reason, REASON), fatal, absent })
             }
-            Ok(Reply::Unsupported { message }) => Err(WorkerFault::Unsupported(message)),
-            Ok(reply) => Ok(reply),
-            Err(_) => Err(self.garbage(line)),
+            Ok(Reply::Unsupported { message }) => {
+                Err(WorkerFault::Unsupported(excerpt(&message, EXCERPT)))
+            }
+            Ok(reply) if answers(&reply, self.request) => Ok(reply),
+            _ => Err(self.garbage(line)),
         }
     }
 
@@ -281,12 +297,15 @@ impl WorkerProcess {
     /// What the worker says of itself, if it speaks this protocol.
     pub fn greet(&mut self, waiting: &ReplyWait<'_>) -> Result<Greeting, WorkerFault> {
         match self.receive(waiting)? {
-            Reply::Hello(greeting) => Ok(*greeting),
+            Reply::Hello(greeting) => match long_name(&greeting) {
+                None => Ok(*greeting),
+                Some(fault) => Err(self.garbage(&fault)),
+            },
             other => Err(self.unexpected(&other)),
         }
     }
 
-    /// Times of so many frames of a cell, ns, and the state of the adapter after them. Times that have no ratio are the worker's fault.
+    /// Times of so many frames of a cell, ns, and the state of the adapter after them. Times that cannot be are the worker's fault.
     pub fn sample(
         &mut self,
         cell: &CellId,
@@ -294,11 +313,21 @@ impl WorkerProcess {
         waiting: &ReplyWait<'_>,
     ) -> Result<(Vec<f64>, Option<MachineState>), WorkerFault> {
         let (config, stage) = (cell.configuration().to_owned(), cell.stage().to_owned());
-        match self.ask(&WorkerRequest::Sample { config, stage, frames }, waiting)? {
-            Reply::Sample { ns, machine } if are_times(&ns, frames) => {
-                Ok((ns, machine.map(|state| *state)))
-            }
-            other => Err(self.unexpected(&other)),
+        let asked = Instant::now();
+        let reply = self.ask(&WorkerRequest::Sample { config, stage, frames }, waiting)?;
+        let request_ns = asked.elapsed().as_secs_f64() * 1e9;
+        let fault = match &reply {
+            Reply::Sample { ns, .. } => implausibility(ns, frames, request_ns),
+            _ => None,
+        };
+        match (reply, fault) {
+            (Reply::Sample { ns, machine }, None) => Ok((ns, machine.map(|state| *state))),
+            (other, fault) => Err(match (self.unexpected(&other), fault) {
+                (WorkerFault::Garbage { request, excerpt }, Some(fault)) => {
+                    WorkerFault::Garbage { request, excerpt: format!("{excerpt}: {fault}") }
+                }
+                (garbage, _) => garbage,
+            }),
         }
     }
 
@@ -315,7 +344,7 @@ impl WorkerProcess {
 
     fn garbage(&mut self, line: &str) -> WorkerFault {
         self.tree.kill();
-        let excerpt: String = line.trim_end().chars().take(EXCERPT).collect();
+        let excerpt = excerpt(line.trim_end(), EXCERPT);
         WorkerFault::Garbage { request: self.request, excerpt: format!("`{excerpt}`") }
     }
 
@@ -347,9 +376,56 @@ impl WorkerProcess {
     }
 }
 
-/// So many times of frames. Workers cannot time each to a picosecond: shorter ones are none, and have no logarithm.
-fn are_times(ns: &[f64], frames: u32) -> bool {
-    ns.len() == frames as usize && ns.iter().all(|ns| *ns >= 1e-3 && ns.is_finite())
+/// Why a worker cannot be named in tables.
+fn long_name(Greeting { adapter, fathom_version, .. }: &Greeting) -> Option<String> {
+    let names = [
+        ("version", fathom_version),
+        ("adapter's name", &adapter.name),
+        ("adapter's backend", &adapter.backend),
+        ("adapter's device_type", &adapter.device_type),
+        ("adapter's driver", &adapter.driver),
+        ("adapter's driver_info", &adapter.driver_info),
+    ];
+    names.into_iter().find_map(|(what, name)| text::check_length(what, name).err())
+}
+
+/// Why these cannot be the times of so many frames, taken one after the other within a request that took so long by this process's clock.
+fn implausibility(ns: &[f64], frames: u32, request_ns: f64) -> Option<String> {
+    // On one core no process has more CPU time than the wall has; where none can be chosen it may have that of all.
+    let cores = if allowed_cores().is_empty() {
+        std::thread::available_parallelism().map_or(1, usize::from)
+    } else {
+        1
+    };
+    let longest_ns = CLOCK_TOLERANCE * request_ns * cores as f64;
+    if ns.len() != frames as usize {
+        return Some(format!("{} times of {frames} frames", ns.len()));
+    }
+    let wrong = ns.iter().find(|ns| !(SHORTEST_NS..=longest_ns).contains(*ns))?;
+    Some(format!("{wrong:e} ns, in a request that took {request_ns:.3e} ns"))
+}
+
+/// So many characters of a text that a worker has written.
+fn excerpt(text: &str, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// The reply is of the kind that was asked for.
+fn answers(reply: &Reply, asked: RequestKind) -> bool {
+    use RequestKind as Asked;
+    match reply {
+        Reply::Hello(_) => asked == Asked::Hello,
+        Reply::Clock { .. } => asked == Asked::Clock,
+        Reply::Prepared { .. } => asked == Asked::Prepare,
+        Reply::Sample { .. } => asked == Asked::Sample,
+        Reply::Exact(_) => asked == Asked::Exact,
+        Reply::Checks { .. } => asked == Asked::Checks,
+        Reply::Instructions { .. } => asked == Asked::Instructions,
+        Reply::Fault { .. } | Reply::Unsupported { .. } => true,
+    }
 }
 
 /// The version that a greeting names, whatever else of it this build can read.
@@ -359,11 +435,27 @@ fn parse_protocol(line: &str) -> Option<u32> {
     Some(u32::try_from(version).unwrap_or(u32::MAX))
 }
 
+/// Writes line after line until there are no more or nobody reads them.
+fn write_requests(mut input: impl Write, requests: &Receiver<String>) {
+    while let Ok(line) = requests.recv() {
+        if input.write_all(line.as_bytes()).is_err() {
+            return;
+        }
+    }
+}
+
 /// Hands on line after line until the output ends or nobody listens.
-fn read_replies(output: impl Read, replies: &Sender<std::io::Result<String>>) {
-    for line in BufReader::new(output).lines() {
-        let is_last = line.is_err();
-        if replies.send(line).is_err() || is_last {
+fn read_replies(output: impl Read, replies: &SyncSender<std::io::Result<String>>) {
+    let mut output = BufReader::new(output);
+    loop {
+        let mut line = String::new();
+        let read = output.by_ref().take(MAX_REPLY_BYTES).read_line(&mut line);
+        let (reply, last) = match read {
+            Ok(0) => return,
+            Ok(_) => (Ok(line), false),
+            Err(error) => (Err(error), true),
+        };
+        if replies.send(reply).is_err() || last {
             return;
         }
     }
@@ -376,10 +468,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_finite_and_above_0() {
-        assert!(are_times(&[1e-3, 1e6], 2) && !are_times(&[1e6], 2));
-        for ns in [0.0, -0.0, -1.0, 5e-324, f64::NAN, f64::INFINITY] {
-            assert!(!are_times(&[1e5, ns], 2), "{ns}");
+    fn times_are_finite_and_above_0_and_no_longer_than_their_request() {
+        let request_ns = 1e6;
+        for ns in [SHORTEST_NS, 1.0, 1e6] {
+            assert_eq!(implausibility(&[ns], 1, request_ns), None);
+        }
+        for ns in [0.0, -0.0, -1.0, 5e-324, f64::NAN, f64::INFINITY, 1.8e19] {
+            for place in 0..2 {
+                let mut frames = [1e5; 2];
+                frames[place] = ns;
+                assert!(implausibility(&frames, 2, request_ns).is_some(), "{ns}");
+            }
+        }
+        assert!(implausibility(&[1e5], 2, request_ns).is_some(), "one is missing");
+        assert!(implausibility(&[1.1e6], 1, request_ns).is_none(), "clocks differ by a little");
+        if cfg!(target_os = "linux") {
+            assert!(implausibility(&[1.2e6], 1, request_ns).is_some());
         }
     }
 

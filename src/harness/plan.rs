@@ -122,6 +122,11 @@ impl PlannedCell {
         let stand_ins = self.subject.scene.stand_ins.clone();
         let params = self.subject.params.clone().into();
         let scene = private::path(Path::new(&scene));
+        let outcome = match outcome {
+            Outcome::Skipped { reason } => Outcome::Skipped { reason: private::redact(&reason) },
+            Outcome::Failed { reason } => Outcome::Failed { reason: private::redact(&reason) },
+            other @ (Outcome::Measured(_) | Outcome::OverBudget) => other,
+        };
         record::Cell { experiment, cell, axes, pipeline, scene, stand_ins, params, outcome }
     }
 }

@@ -17,7 +17,7 @@ use super::sample::{self, Goal, Settings};
 use super::schedule::{Batch, CellCosts, CellState, ClaimUnit, OpenClaim, Schedule};
 use super::{ceilings, memory};
 use fathom_base::folder::Dir;
-use fathom_base::{print, quiet};
+use fathom_base::{print, private, quiet};
 use fathom_clock::Samples;
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_gpu as gpu;
@@ -439,7 +439,8 @@ impl Measurement<'_> {
     /// Records an experiment's text, once. Merging needs those of all experiments, to tell which cells are missing.
     fn define(&mut self, planned: &PlannedExperiment) -> Result<(), RecordError> {
         let Experiment { id, text, .. } = &planned.experiment;
-        let definition = Definition { id: id.clone(), toml: text.clone() };
+        // A file may name a scene by a path that is nobody's business.
+        let definition = Definition { id: id.clone(), toml: private::redact(text) };
         let definition = Record::Experiment(definition);
         let is_needed = !planned.cells.is_empty() || self.output.header.shard.is_some();
         if is_needed && !self.output.folder.before.contains(&definition) {

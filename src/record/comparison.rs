@@ -10,6 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::{Display, EnumString, IntoStaticStr};
 
 use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
+use fathom_base::private;
 
 /// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
 pub const MAX_LAUNCHES: u32 = 200;
@@ -488,7 +489,7 @@ impl Fault {
         cell: Option<CellId>,
         reason: impl Into<String>,
     ) -> Self {
-        let reason = reason.into();
+        let reason = private::redact(&reason.into());
         Self { gate, side, cell, launch: None, control: false, absent: false, reason }
     }
 }

@@ -6,6 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumMessage};
 
+use fathom_base::private;
+
 /// How large an experiment runs.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Display, Serialize, Deserialize, JsonSchema,
@@ -108,7 +110,7 @@ pub struct Note {
 
 impl Note {
     pub fn new(kind: NoteKind, text: impl Into<String>) -> Note {
-        Note { kind, text: text.into() }
+        Note { kind, text: private::redact(&text.into()) }
     }
 }
 

@@ -15,7 +15,7 @@ use serde_json::Value;
 
 use super::{Record, SCHEMA};
 use fathom_base::folder::{self, Dir};
-use fathom_base::input::{self, LineEnd, limited, next_line};
+use fathom_base::input::{LineEnd, limited, next_line};
 use fathom_base::text;
 
 /// Bytes that are read at once.
@@ -182,7 +182,7 @@ pub struct RecordFile {
 /// them, are counted and left out; a line in another format is an error.
 pub fn read(path: &Path) -> Result<RecordFile, RecordError> {
     let path = stored(path);
-    let source = input::unpacked(&path, MAX_FILE).map_err(io("read", &path))?;
+    let source = folder::unpacked(&path, MAX_FILE).map_err(io("read", &path))?;
     sift(&path, source).map(|(read, _)| read)
 }
 

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 use strum::Display;
 
@@ -435,6 +435,7 @@ impl Measured {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageRecord {
     /// The stage's name: `FAMILY/STEM`.
+    #[serde(deserialize_with = "current_name")]
     pub stage: String,
     pub clock: Clock,
     /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
@@ -458,6 +459,12 @@ pub struct StageRecord {
         deserialize_with = "ceilings::read_share"
     )]
     pub ceiling: Option<CeilingShare>,
+}
+
+/// Reads a stage's name; earlier versions called `uniforms` `frame`.
+fn current_name<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
+    let name = String::deserialize(from)?;
+    Ok(if name == "frame" { "uniforms".to_owned() } else { name })
 }
 
 impl StageRecord {

@@ -1,5 +1,6 @@
 //! The folder that a run or a comparison writes to.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use itertools::Itertools;
@@ -11,7 +12,7 @@ use crate as record;
 use crate::{
     Compared, FolderLock, LockError, PictureKind, Profile, Record, RecordError, RecordFile, Writer,
 };
-use fathom_base::folder;
+use fathom_base::folder::{self, Dir};
 use fathom_base::text;
 
 /// Where a run goes that is not told where: in a checkout of fathom, and elsewhere.
@@ -21,6 +22,8 @@ const ELSEWHERE: &str = "fathom-runs";
 pub const RECORDS: &str = "records.jsonl";
 /// Name of the folder of pictures, in a run's folder.
 pub const PICTURES: &str = "renders";
+/// Bytes written to see whether the folder takes any: more than a cell's record.
+const PROBE_BYTES: usize = 1 << 20;
 
 #[derive(Debug, Error)]
 pub enum OutputError {
@@ -180,7 +183,7 @@ fn default_folder(current: &Path) -> PathBuf {
 }
 
 impl Recording {
-    /// Makes the folder before anything is measured. Without
+    /// Makes the folder and tries that it can be written to, before anything is measured. Without
     /// `asked` a new folder under `default_folder` is named after the adapter, the profile and the time.
     pub fn create(
         asked: Option<&Path>,
@@ -200,9 +203,8 @@ impl Recording {
     }
 
     fn open_run(taken: LockedFolder) -> Result<Self, OutputError> {
-        let path = taken.output.pictures();
-        std::fs::create_dir_all(&path)
-            .map_err(|source| OutputError::Unwritable { path, source })?;
+        let path = taken.output.folder.clone();
+        probe(&taken.output).map_err(|source| OutputError::Unwritable { path, source })?;
         taken.open(FolderKind::Run)
     }
 }
@@ -216,6 +218,15 @@ pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String 
         PictureKind::Error => "~error",
     };
     format!("{PICTURES}/{experiment}_{cell}{ending}.png")
+}
+
+/// Makes the folder of pictures and writes a file the size of several records, which leaves nothing.
+fn probe(output: &OutputFolder) -> std::io::Result<()> {
+    let folder = Dir::make(&output.folder)?;
+    folder.make_beneath(PICTURES)?;
+    let mut file = tempfile::tempfile_in(folder.path())?;
+    file.write_all(&vec![0; PROBE_BYTES])?;
+    file.sync_all()
 }
 
 /// Beginning of the name of a run's folder.
@@ -248,6 +259,7 @@ fn is_comparison(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::LOCK;
 
     fn create(folder: &Path) -> Result<Recording, OutputError> {
         Recording::create(Some(folder), "gpu", Profile::Quick)
@@ -290,6 +302,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let held = create(folder.path()).unwrap();
         assert!(held.before.is_empty());
+        let error = create(folder.path()).unwrap_err().to_string();
+        let me = format!("in use by process {} (`", std::process::id());
+        assert!(error.contains(&me), "{error}");
+        let error = Recording::resume(Some(folder.path())).unwrap_err().to_string();
+        assert!(error.contains(&me), "{error}");
         std::fs::write(held.output.records(), END).unwrap();
         drop(held);
         let error = create(folder.path()).unwrap_err();
@@ -314,6 +331,26 @@ mod tests {
         drop(create(&typo).unwrap());
         Recording::resume(Some(&typo)).unwrap();
         create(&typo).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_run_neither_begins_nor_goes_on_over_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let precious = folder.path().join("precious");
+        std::fs::create_dir(&precious).unwrap();
+        std::fs::write(precious.join("a"), END).unwrap();
+        for name in [RECORDS, "records.jsonl.gz", PICTURES, LOCK] {
+            let out = folder.path().join(format!("out-{name}"));
+            std::fs::create_dir(&out).unwrap();
+            let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
+            std::os::unix::fs::symlink(target, out.join(name)).unwrap();
+            create(&out).unwrap_err();
+            Recording::resume(Some(&out)).unwrap_err();
+            assert!(out.join(name).is_symlink(), "{name}");
+        }
+        assert_eq!(files(&precious), ["a"]);
+        assert_eq!(std::fs::read_to_string(precious.join("a")).unwrap(), END);
     }
 
     #[test]

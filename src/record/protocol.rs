@@ -350,4 +350,19 @@ mod tests {
             assert!(found.contains(reason), "{line}: {found}");
         }
     }
+
+    /// Figures that are no numbers too. `docs/worker-protocol.schema.json` is tested with replies of every kind.
+    #[test]
+    fn exact_figures_can_be_read_back() {
+        let exact = Exact {
+            errors: BTreeMap::from([("an_error".to_owned(), f64::NAN)]),
+            quantities: BTreeMap::from([("a_figure".to_owned(), f64::INFINITY)]),
+            allocated_bytes: 7,
+            ..Exact::default()
+        };
+        let line = serde_json::to_string(&Reply::Exact(Box::new(exact))).unwrap();
+        let Ok(Reply::Exact(exact)) = serde_json::from_str(&line) else { panic!("{line}") };
+        assert!(exact.errors["an_error"].is_nan() && exact.quantities["a_figure"].is_nan());
+        assert_eq!(exact.allocated_bytes, 7);
+    }
 }

@@ -2,6 +2,7 @@
 #![cfg(unix)]
 
 use std::fs;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::common::{
@@ -126,10 +127,38 @@ fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
     }
 }
 
+fn pipe(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
+}
+
 /// A folder `out` with records of one cell.
 fn recorded(place: &Place) {
     let run = Run { schema: SCHEMA, ..Run::default() };
     write_records(&place.path("out"), &[Record::Run(Box::new(run)), skipped_cell("n=1")]);
+}
+
+/// What a link, a pipe or a folder in the way comes to is tested in `base::folder`.
+#[test]
+fn reports_and_what_a_user_names_are_written_through_no_link_and_no_pipe() {
+    let place = Place::new();
+    recorded(&place);
+    let precious = place.write("precious", "keep");
+    for name in ["out/index.html", "link"] {
+        std::os::unix::fs::symlink(&precious, place.path(name)).unwrap();
+    }
+    pipe(&place.path("pipe.png"));
+    for (words, reason) in [
+        ("report out", "`index.html` is a symbolic link"),
+        ("export csv out -o link", "`link` is a symbolic link"),
+        (&format!("render tank -o pipe.png {SMALL}"), "`pipe.png` is a pipe or a device"),
+        ("compare --base-bin pipe.png --out compared", "it is a pipe or a device"),
+    ] {
+        place.fathom(words).refused(reason);
+    }
+    assert_eq!(place.read("precious"), "keep");
+    place.write("old.csv", "old");
+    place.fathom("export csv out -o old.csv").ends(0);
+    holds(&place.read("old.csv"), &["own"]);
 }
 
 #[test]

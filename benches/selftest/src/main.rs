@@ -5,6 +5,7 @@
 //! are a function of those folders.
 
 mod findings;
+mod patches;
 mod slowed;
 mod trials;
 mod workshop;
@@ -24,6 +25,7 @@ use fathom::process::ProcessTree;
 use fathom::record::comparison::GateSettings;
 use itertools::Itertools;
 
+use crate::patches::Patch;
 use crate::trials::{Trial, trials, tried};
 use crate::workshop::Workshop;
 
@@ -45,7 +47,7 @@ fn main() -> Result<()> {
     let test = SelftestCli::parse();
     ctrlc::set_handler(|| INTERRUPT.store(true, Ordering::Relaxed))?;
     std::fs::create_dir_all(&test.out)?;
-    let all = trials();
+    let all = trials(&Patch::all()?);
     let asked = all.iter().filter(|trial| trial.id.contains(&test.trials));
     let ended = make(&test, &[tried()].iter().chain(asked).collect_vec());
     let mut made = Vec::new();

@@ -7,6 +7,8 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 
+use crate::patches::Patch;
+
 /// A build that is compared with the base.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Variant {
@@ -16,8 +18,7 @@ pub enum Variant {
     Tried,
     /// A stage takes longer by about this share.
     Slowed(String, f64),
-    /// A function that nothing calls, which moves all code and data behind it.
-    Unrelated,
+    Patched(Patch),
 }
 
 impl Variant {
@@ -25,7 +26,8 @@ impl Variant {
     pub fn stage(&self) -> Option<&str> {
         match self {
             Self::Slowed(stage, _) => Some(stage),
-            Self::Again | Self::Tried | Self::Unrelated => None,
+            Self::Patched(patch) => patch.stage.as_deref(),
+            Self::Again | Self::Tried => None,
         }
     }
 }
@@ -61,8 +63,8 @@ pub fn tried() -> Trial {
     trial("tried", 0, Variant::Tried, &[Gate::Time])
 }
 
-/// All others: one stage slower by 5 % interleaved with equal builds, then what is counted, and other shares.
-pub fn trials() -> Vec<Trial> {
+/// All others: one stage slower by 5 % interleaved with equal builds, then what is counted, other shares and other changes.
+pub fn trials(patches: &[Patch]) -> Vec<Trial> {
     let mut order = stages();
     order.shuffle(&mut Pcg64::seed_from_u64(SEED));
     let slower = |count: usize, percent: u32, gates: &'static [Gate]| {
@@ -72,7 +74,9 @@ pub fn trials() -> Vec<Trial> {
         };
         order.iter().cycle().take(count).enumerate().map(slowed).collect_vec()
     };
-    let equal = [Variant::Unrelated, Variant::Again];
+    let (equal, changed): (Vec<_>, Vec<_>) =
+        patches.iter().cloned().partition(|patch| patch.stage.is_none());
+    let equal = equal.into_iter().map(Variant::Patched).chain([Variant::Again]).collect_vec();
     let no_op = |number: usize| {
         let loaded = number % 3 == 2;
         let group = if loaded { "equal, loaded" } else { "equal" };
@@ -86,6 +90,8 @@ pub fn trials() -> Vec<Trial> {
     );
     all.extend(slower(20, 2, &COUNTED));
     all.extend([3, 10].into_iter().flat_map(|percent| slower(15, percent, &[Gate::Time])));
+    let patched = |patch: Patch| trial(&patch.kind.clone(), 0, Variant::Patched(patch), &Gate::ALL);
+    all.extend(changed.into_iter().map(patched));
     all
 }
 
@@ -102,7 +108,7 @@ mod tests {
 
     #[test]
     fn trials_are_in_folders_of_their_own_and_slow_down_other_stages() {
-        let trials = trials();
+        let trials = trials(&Patch::all().unwrap());
         assert!(trials.iter().map(|trial| &trial.id).all_unique());
         let slower = trials.iter().filter(|trial| trial.group == "slower by 5 %");
         assert_eq!(slower.clone().filter_map(|trial| trial.variant.stage()).unique().count(), 40);

@@ -22,20 +22,6 @@ const FROM_DISK: [&str; 4] = [
     "--config",
     "profile.release.package.rust-embed.debug-assertions=true",
 ];
-/// What [`Variant::Unrelated`] adds, and to which file.
-const UNRELATED: (&str, &str) = (
-    "src/base/statistics.rs",
-    "
-/// Changes nothing that is measured.
-#[used]
-static UNRELATED: [u8; 12_345] = [7; 12_345];
-
-#[unsafe(no_mangle)]
-pub extern \"C\" fn fathom_unrelated(n: u64) -> u64 {
-    (0..n).fold(u64::from(UNRELATED[n as usize % 12_345]), u64::wrapping_mul)
-}
-",
-);
 /// Both checkouts share a target folder. A touch makes cargo build this crate again, which holds the checkout's path.
 const HOLDS_PATH: &str = "src/base/embedded.rs";
 
@@ -72,12 +58,17 @@ impl Workshop {
         let base = self.build(Side::Base, "base")?;
         let [_, Worktree { path: checkout, .. }] = &self.worktrees;
         let changes = changes(checkout, &trial.variant, tried)?;
-        let name = if trial.variant == Variant::Unrelated { "unrelated" } else { "head" };
+        let mut name = "head".to_owned();
         for (file, text) in &changes {
+            if let Variant::Patched(patch) = &trial.variant
+                && !file.starts_with("shaders")
+            {
+                name = patch.kind.replace(' ', "-");
+            }
             std::fs::write(checkout.join(file), text)
                 .with_context(|| format!("cannot write {file}"))?;
         }
-        let compared = self.build(Side::Head, name).and_then(|head| compare([base, head]));
+        let compared = self.build(Side::Head, &name).and_then(|head| compare([base, head]));
         let mut git = Command::new("git");
         process::run_for_stdout(git.arg("-C").arg(checkout).args(["checkout", "--quiet", "."]))
             .map_err(anyhow::Error::msg)?;
@@ -133,9 +124,8 @@ pub fn changes(
             let measured = tried.and_then(|tried| slowed::iterations(tried, stage, *share));
             slow(stage, measured.with_context(|| format!("{stage} was not tried"))?)?;
         }
-        Variant::Unrelated => {
-            let (file, text) = UNRELATED;
-            changes.insert(file.to_owned(), read(file)? + text);
+        Variant::Patched(patch) => {
+            changes.insert(patch.file.clone(), patch.applied(&read(&patch.file)?)?);
         }
     }
     Ok(changes)
