@@ -69,7 +69,6 @@ fn obey(catalog: &Catalog, command: Command) -> commands::ExitResult {
         Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
         Command::Dump(args) => commands::dump(catalog, args),
-        Command::Query(args) => commands::query(catalog, args),
         Command::Report { folders, out } => commands::report(folders, out),
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
@@ -176,8 +175,6 @@ pub enum Command {
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
-    /// Compute ambient occlusion at given points
-    Query(QueryArgs),
     /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
     Report {
         /// Folders of runs and comparisons. Of two runs, what changed is printed
@@ -362,38 +359,6 @@ pub struct DumpArgs {
     /// Folder to write to
     #[arg(short, long, value_name = "DIR", default_value = ".")]
     pub output: PathBuf,
-    #[command(flatten)]
-    pub adapter: AdapterArgs,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum Question {
-    /// Volume ambient occlusion, 0 open to 1 closed, at points with normals; pipeline volume_ao
-    Ao,
-}
-
-#[derive(Args)]
-pub struct QueryArgs {
-    /// What to compute
-    pub question: Question,
-    /// Name of a scene, or path of a scene file
-    #[arg(long)]
-    pub scene: String,
-    /// CSV file with the columns x, y, z (metres), nx, ny and nz
-    #[arg(long, value_name = "FILE")]
-    pub points: PathBuf,
-    /// Add exact results, by casting RAYS rays from each point [default: 1024]
-    #[arg(long, value_name = "RAYS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    pub reference: Option<Option<u32>>,
-    /// Set a parameter of the pipeline; see `fathom list parameters --pipeline volume_ao`
-    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
-    pub set: Vec<(String, Value)>,
-    /// CSV file to write [default: standard output]
-    #[arg(short, long, value_name = "FILE")]
-    pub output: Option<PathBuf>,
-    /// Use stand-ins for missing or damaged meshes
-    #[arg(long)]
-    pub allow_stand_ins: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }
