@@ -39,8 +39,6 @@ pub const EXPORTER: RunExporter = Exporter {
 };
 
 const WIDTH_PX: u32 = 980;
-/// A plot at a glance.
-const SMALL_PX: (u32, u32) = (540, 220);
 /// Title of the picture, and of each panel.
 const TITLE_PX: u32 = 36;
 const HEADING_PX: u32 = 32;
@@ -69,15 +67,12 @@ struct PlotInput<'s> {
     experiment: &'s Experiment,
     cells: Vec<&'s Cell>,
     colors: &'s StageColors,
-    /// Measured on a software driver: published times are not drawn beside its own.
-    software: bool,
 }
 
 impl<'s> PlotInput<'s> {
     fn new(section: &'s Section<'_>) -> Option<PlotInput<'s>> {
         let experiment = section.experiment.as_ref()?;
-        let (cells, software) = (section.cells(), section.software());
-        Some(PlotInput { experiment, cells, colors: &section.colors, software })
+        Some(PlotInput { experiment, cells: section.cells(), colors: &section.colors })
     }
 
     fn select(&self, plot: &Plot) -> PlotInput<'s> {
@@ -86,12 +81,6 @@ impl<'s> PlotInput<'s> {
             on_axis && experiments::fits(cell, &plot.filter)
         };
         PlotInput { cells: self.cells.iter().copied().filter(belongs).collect(), ..*self }
-    }
-
-    /// The published frame time of a cell's size, beside that of frames; none beside a software driver's.
-    fn published(&self, cell: &Cell, y: &Measure) -> Option<&'s Published> {
-        let is_drawn = !self.software && *y == Measure::frame();
-        self.experiment.published_for(cell).filter(|_| is_drawn)
     }
 }
 
@@ -126,15 +115,6 @@ impl Figure {
         let svg = (!panels.is_empty()).then(|| picture(section, &names::common(&input), &panels));
         Figure { svg, missing }
     }
-}
-
-/// A scaling plot of an experiment alone, without words around it; none where its series need more room.
-pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
-    let input = PlotInput::new(section)?.select(plot);
-    let chart = LineCharts::new(plot, &input)?.into_single()?;
-    let about = format!("{}: {}", section.id, plot.title);
-    let svg = || drawing(SMALL_PX, &about, |area| chart.draw_with_names(area));
-    (chart.ends_px() <= SMALL_PX.1).then(svg)
 }
 
 pub fn file_name(section: &Section<'_>) -> String {
@@ -240,10 +220,7 @@ fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
     let figures: IndexSet<String> = published.iter().map(|one| one.figure()).collect();
     let hardware: IndexSet<&str> = published.iter().map(|one| one.hardware.as_str()).collect();
     let (figures, hardware) = (figures.iter().join(", "), hardware.iter().join(", "));
-    let mut line = format!("Published for cells of this size: {figures} frames/s on {hardware}.");
-    if input.software {
-        line += " Not drawn: a software driver's times are not comparable.";
-    }
+    let line = format!("Published for cells of this size: {figures} frames/s on {hardware}.");
     style::wrap(&line, LINE_CHARACTERS)
 }
 
@@ -324,21 +301,9 @@ mod tests {
     }
 
     #[test]
-    fn published_times_are_words_beside_a_software_driver_and_marks_on_hardware() {
-        let mut records = fixtures::profile(Profile::Paper);
-        let software = svgs(&records);
-        let Record::Run(run) = &mut records[0] else { panic!() };
-        run.adapter.software = false;
-        let hardware = svgs(&records);
-        let marks = |svg: &str| svg.matches("stroke-width=\"4\"").count();
-        for name in ["uw-default.svg", "uw-photons.svg"] {
-            let (software, hardware) = (&software[name], &hardware[name]);
-            assert!(software.contains("GeForce") && hardware.contains("GeForce"), "{name}");
-            assert!(software.contains("Not drawn"), "{name}");
-            assert_eq!(marks(software), 0, "{name}");
-            assert!(!hardware.contains("Not drawn"), "{name}");
-        }
-        assert!(marks(&hardware["uw-default.svg"]) > 0);
+    fn figures_published_for_the_size_are_told() {
+        let svgs = svgs(&fixtures::profile(Profile::Paper));
+        assert!(svgs["uw-default.svg"].contains("frames/s on NVIDIA GeForce"));
     }
 
     #[test]
