@@ -28,7 +28,7 @@ use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::{AdapterArgs, DumpArgs, RenderArgs, RunArgs};
+use super::{AdapterArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where.
 const FIGURES_FOLDER: &str = "figures";
@@ -43,24 +43,38 @@ pub type ExitResult = anyhow::Result<ExitCode>;
 
 pub fn run(catalog: &Catalog, args: RunArgs) -> ExitResult {
     let start = Instant::now();
-    if Gpu::choose(&gpu_options(catalog, &args.adapter))?.software {
-        quiet::begin_again();
-    }
-    watch_interrupts()?;
     let options = RunOptions {
+        resume: args.resume,
+        seed: args.seed,
+        no_ceilings: args.no_ceilings,
+        ..begun(catalog, &args.measured)?
+    };
+    watch_interrupts()?;
+    measure(&RunOptions { request: request(args), ..options }, start)
+}
+
+/// What a run and a sweep are told alike. On a software adapter the process begins again on one core.
+pub fn begun(catalog: &Catalog, args: &MeasureArgs) -> anyhow::Result<RunOptions> {
+    let gpu = gpu_options(catalog, &args.adapter);
+    on_one_core(&gpu)?;
+    Ok(RunOptions {
         catalog: catalog.clone(),
-        gpu: gpu_options(catalog, &args.adapter),
+        gpu,
         profile: args.profile,
         budget_s: args.budget.map(|budget| budget.as_secs_f64()),
         precision: args.precision,
         out: args.out.clone(),
-        resume: args.resume,
-        seed: args.seed,
-        no_ceilings: args.no_ceilings,
         command: private::command(),
-        request: request(args),
-    };
-    measure(&options, start)
+        ..RunOptions::default()
+    })
+}
+
+/// Begins the process again on one core where the adapter is a software driver.
+fn on_one_core(options: &gpu::Options) -> anyhow::Result<()> {
+    if Gpu::choose(options)?.software {
+        quiet::begin_again();
+    }
+    Ok(())
 }
 
 /// Measures what is asked for, writes records and reports, and prints what came out in short: of sweeps their tables.
@@ -200,9 +214,7 @@ fn print_summary(summary: &Summary, options: &RunOptions) {
 /// The clocks that `run` would use here.
 pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let options = gpu_options(catalog, args);
-    if Gpu::choose(&options)?.software {
-        quiet::begin_again();
-    }
+    on_one_core(&options)?;
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
@@ -238,9 +250,7 @@ pub fn print_json(answer: &impl Serialize) -> ExitResult {
 
 pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let options = gpu_options(catalog, args);
-    if Gpu::choose(&options)?.software {
-        quiet::begin_again();
-    }
+    on_one_core(&options)?;
     let gpu = Gpu::open(&options)?;
     let answer = ceilings::measure_all(&gpu, gpu::audit_all(&gpu)?.plan)?;
     if json {

@@ -249,9 +249,6 @@ impl AdapterArgs {
 pub struct RunArgs {
     /// Names of experiments or paths of experiment files [default: all built-in ones]
     pub experiments: Vec<String>,
-    /// Sizes: `quick` for software drivers, `paper` as published [default: by the adapter]
-    #[arg(long, value_enum)]
-    pub profile: Option<Profile>,
     /// Set a parameter of every cell; see `fathom list parameters`
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,
@@ -264,16 +261,6 @@ pub struct RunArgs {
     /// Measure only part I of N of the cells; the records of all parts, in one file, are those of the run
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,
-    /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are
-    /// listed, and `--resume` measures them [default: at most 4 minutes quick, 30 paper]
-    #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
-    pub budget: Option<Duration>,
-    /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
-    #[arg(long, value_name = "SHARE")]
-    pub precision: Option<f64>,
-    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
     /// Measure what the folder's records lack, and go on with cells and claims that need more samples [default folder: the latest one there]
     #[arg(long)]
     pub resume: bool,
@@ -283,6 +270,26 @@ pub struct RunArgs {
     /// Skip measuring the adapter's limits, which takes some seconds; stages then have no share of a limit
     #[arg(long)]
     pub no_ceilings: bool,
+    #[command(flatten)]
+    pub measured: MeasureArgs,
+}
+
+/// How a run or a sweep measures.
+#[derive(Args)]
+pub struct MeasureArgs {
+    /// Sizes: `quick` for software drivers, `paper` as published [default: by the adapter]
+    #[arg(long, value_enum)]
+    pub profile: Option<Profile>,
+    /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are
+    /// listed, and `fathom run --resume` measures them [default: at most 4 minutes quick, 30 paper]
+    #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
+    pub budget: Option<Duration>,
+    /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
+    #[arg(long, value_name = "SHARE")]
+    pub precision: Option<f64>,
+    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

@@ -45,7 +45,7 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
         (document::html(&caveats(run.view)))
         div.cards {
             @for card in &cards {
-                @if let Some(content) = content(page, run.view, card) {
+                @if let Some(content) = content(page, card) {
                     article.card { h3 { a href={ "#" (card.section) } { (card.question) } } (content) }
                 }
             }
@@ -57,28 +57,11 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
 }
 
 /// A drawing where there is one of a single run, else words.
-fn content(page: &Page<'_>, view: &Report<'_>, card: &Card) -> Option<Markup> {
-    if card.section == "time" && !page.is_overlay() {
-        return Some(html! { div.scroll { (PreEscaped(super::time::bars(page)?)) } });
-    }
-    let words = (!card.parts.is_empty()).then(|| document::html(&card.parts))?;
-    Some(html! { (words) @if card.section == "claims" { (claim_marks(view)) } })
-}
-
-/// A mark for each claim of the papers, which leads to its experiment.
-fn claim_marks(view: &Report<'_>) -> Markup {
-    let sections = view.sections.iter();
-    let all =
-        sections.flat_map(|section| section.rulings().iter().map(|ruling| (section.id, ruling)));
-    let claims = all.filter(|(_, ruling)| ruling.origin == ClaimOrigin::Publication);
-    html! {
-        p.marks {
-            @for (id, ruling) in claims.sorted_by_key(|(_, ruling)| std::cmp::Reverse(ruling.verdict)) {
-                @let tone = Tone::from_verdict(ruling.verdict);
-                a.(tone.class()) href={ "#plot-" (id) } title={ (ruling.verdict) ": " (ruling.text) " (" (id) ")" } { (tone.mark()) }
-            }
-        }
-    }
+fn content(page: &Page<'_>, card: &Card) -> Option<Markup> {
+    let is_drawn = card.section == "time" && !page.is_overlay();
+    let bars = is_drawn.then(|| super::time::bars(page)).flatten();
+    let bars = bars.map(|bars| html! { div.scroll { (PreEscaped(bars)) } });
+    bars.or_else(|| (!card.parts.is_empty()).then(|| document::html(&card.parts)))
 }
 
 fn open(word: &str, words: &str) -> Block {
