@@ -143,7 +143,7 @@ pub struct Axis {
     pub sets: Vec<String>,
     /// What to write beside it in tables and plots, with its unit; the name where absent.
     pub title: Option<String>,
-    /// Its values change what is computed, not how: the errors of cells along it are of different tasks.
+    /// Files of earlier versions have it. Nothing reads it.
     #[serde(default)]
     pub task: bool,
     pub values: Option<Vec<Value>>,
