@@ -1,7 +1,6 @@
 //! One SVG per experiment, its panels one below the other. No font is needed to write it.
 //!
-//! Each panel begins with its title and the verdicts of the claims that speak of what it shows. Series are named at the ends of
-//! their lines, and legends stand in rows above the data.
+//! Each panel begins with its title. Series are named at the ends of their lines, and legends stand in rows above the data.
 
 mod bars;
 mod chart;
@@ -22,7 +21,6 @@ use plotters::prelude::*;
 use self::{lines::LineCharts, map::MapPanel};
 pub use self::{stacked::shares, strip::strip};
 use super::colors::StageColors;
-use super::document::Tone;
 use super::{Artifact, Exporter, Report, RunExporter, RunFormat, Section, Timing};
 use fathom_base::text;
 use fathom_experiments as experiments;
@@ -107,7 +105,7 @@ impl Figure {
             input.experiment.plot.iter().map(|plot| (plot, input.select(plot))).collect();
         let (mut panels, mut missing) = (Vec::new(), Vec::new());
         for (plot, input) in &plots {
-            match TitledPanel::new(plot, input, section) {
+            match TitledPanel::new(plot, input) {
                 Ok(panel) => panels.push(panel),
                 Err(reason) => missing.push((plot.title.clone(), reason)),
             }
@@ -143,18 +141,12 @@ fn drawing(size_px: (u32, u32), about: &str, draw: impl FnOnce(&Area<'_>) -> Dra
 }
 
 impl<'s> TitledPanel<'s> {
-    fn new(
-        plot: &'s Plot,
-        input: &'s PlotInput<'s>,
-        section: &Section<'_>,
-    ) -> Result<TitledPanel<'s>, &'static str> {
+    fn new(plot: &'s Plot, input: &'s PlotInput<'s>) -> Result<TitledPanel<'s>, &'static str> {
         if input.cells.len() > MAX_CELLS {
             return Err("it has more than 2,000 cells, which cells.csv lists");
         }
         let body = body(plot, input)?.ok_or("no records hold its data")?;
-        let mut lines = verdicts(plot, input, section);
-        lines.extend(published(plot, input));
-        Ok(TitledPanel { title: &plot.title, lines, body })
+        Ok(TitledPanel { title: &plot.title, lines: published(plot, input), body })
     }
 
     fn head_px(&self) -> u32 {
@@ -190,22 +182,6 @@ fn body<'s>(
         PlotKind::Ratios => ratios::chart(plot, input).map(boxed),
         PlotKind::Map => MapPanel::new(plot, input)?.map(boxed),
     })
-}
-
-/// The rulings on the claims about what a plot shows: the same measure, along an axis that its cells have.
-fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<String> {
-    let frame = [Measure::frame()];
-    let shown = if plot.kind == PlotKind::Stacked { &frame } else { plot.y.as_slice() };
-    let has_axis = |axis: &str| input.cells.iter().any(|cell| cell.axes.contains_key(axis));
-    let claims = input.experiment.claim.iter().zip(section.rulings());
-    let about = claims.filter(|(claim, _)| {
-        shown.contains(claim.test.y()) && claim.test.over().is_none_or(has_axis)
-    });
-    let lines = about.flat_map(|(_, ruling)| {
-        let mark = Tone::from_verdict(ruling.verdict).mark();
-        style::wrap(&format!("{mark} {}: {}", ruling.marked(), ruling.text), LINE_CHARACTERS)
-    });
-    lines.collect()
 }
 
 /// Published figures of the sizes shown, in words: all figures, then the hardware.
@@ -283,9 +259,6 @@ mod tests {
             ("uw-photons", "log scale", 1),
             ("uw-photons", "All cells: scene tank · viewport", 1),
             ("uw-photons", "software driver", 1),
-            ("uw-photons", "supported", 1),
-            ("vao-skipping", "supported", 1),
-            ("vao-resolution", "supported", 1),
             ("uw-waves", "linear scale", 1),
             // Three measures of three scenes each as small charts, and the whole frame in a plot of its own.
             ("spt-photons", "time (ms), log", 4),
@@ -470,7 +443,7 @@ mod tests {
         let view = Report::new(&records, None);
         let experiment = Experiment::parse("own", MAPPED).unwrap();
         let (cells, colors) = (view.sections[0].cells(), &view.colors);
-        let input = PlotInput { experiment: &experiment, cells, colors, software: true };
+        let input = PlotInput { experiment: &experiment, cells, colors };
         let plot = &experiment.plot[1];
         let chart = bars::chart(plot, &input.select(plot)).unwrap();
         let shape = chart.items.iter().filter_map(|item| match item {
