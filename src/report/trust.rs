@@ -11,8 +11,7 @@ use fathom_base::statistics;
 use fathom_experiments::{CHANCE, Verdict, min_samples};
 use fathom_judge::clocks::{ClockTrust, clocks};
 use fathom_record::{
-    Cell, Clock, Conditions, Estimate, Interval, PassKind, Run, SetUp, Throttling,
-    machine,
+    Cell, Clock, Conditions, Estimate, Interval, PassKind, Run, SetUp, Throttling, machine,
 };
 
 /// Of several sessions the one with the clock that can be trusted least; the latest of equal ones.

@@ -65,7 +65,8 @@ fn a_stand_in_is_told_once() {
     let place = Place::new();
     // Damaged, and no package beside it.
     place.write("sponza.obj", "v 0 0 0\n");
-    let words = "render sponza -o x.png --pipeline voxelize --set view.width=16 --set voxel.resolution=16";
+    let words =
+        "render sponza -o x.png --pipeline voxelize --set view.width=16 --set voxel.resolution=16";
     let mut command = place.fathom(words);
     let output = command.envs(["FATHOM_CACHE", "CARGO_HOME"].map(|name| (name, place.path(""))));
     let told = output.ends(0).err;

@@ -284,8 +284,13 @@ fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
 /// How many cells the first launches settled, if any.
 fn settled(comparison: &Comparison) -> Option<String> {
     let settled = time::unchanged_cells(comparison).len();
-    (settled > 0)
-        .then(|| format!(" ({} launches for {}, which they settled)", time::LOOK, count_noun(settled, "cell")))
+    (settled > 0).then(|| {
+        format!(
+            " ({} launches for {}, which they settled)",
+            time::LOOK,
+            count_noun(settled, "cell")
+        )
+    })
 }
 
 /// What the second measurement of the time gate was, if there was one.
@@ -294,7 +299,10 @@ fn second(comparison: &Comparison) -> Option<String> {
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
     let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();
     let launches = comparison.launches_of(true);
-    Some(format!(", {launches} more of {pairs} pairs for {} still undecided", count_noun(open, "cell")))
+    Some(format!(
+        ", {launches} more of {pairs} pairs for {} still undecided",
+        count_noun(open, "cell")
+    ))
 }
 
 /// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH`.

@@ -9,8 +9,8 @@ use maud::{Markup, html};
 use self::embed::{Embedded, Embedder};
 use super::{Fold, Page, PageRun, PageSection, SkippedInput};
 use crate::Section;
-use crate::document::{self, Block};
 use crate::charts::names;
+use crate::document::{self, Block};
 use crate::format::{count_noun, three};
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, label_text};
@@ -161,7 +161,9 @@ fn size(shown: &PagePicture<'_>) -> String {
 /// What the colours mean, and the largest error.
 fn scale(picture: &Picture) -> Option<String> {
     Some(match picture.scale? {
-        PictureScale::Visibility => "Occlusion A as grey: black is A = 1, white is A = 0".to_owned(),
+        PictureScale::Visibility => {
+            "Occlusion A as grey: black is A = 1, white is A = 0".to_owned()
+        }
         PictureScale::OcclusionError(ErrorSpan { full_at, largest }) => format!(
             "Red is too dark, blue too light, in full colour from ±{} of occlusion on, grey not compared; largest error {}",
             three(full_at),

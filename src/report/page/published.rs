@@ -54,9 +54,8 @@ struct MatchedCell<'p> {
 
 fn matched<'p>(section: &'p Section<'_>) -> Vec<MatchedCell<'p>> {
     let published = section.experiment.iter().flat_map(|experiment| &experiment.published);
-    let with_cell = published.filter_map(|published| {
-        Some(MatchedCell { published, frame: frame(section, published)? })
-    });
+    let with_cell = published
+        .filter_map(|published| Some(MatchedCell { published, frame: frame(section, published)? }));
     with_cell.collect()
 }
 
@@ -151,7 +150,9 @@ struct PublishedRow<'p> {
 /// All published frame rates of the page's experiments, each once, with those that were measured on hardware.
 fn listed<'p>(page: &'p Page<'p>) -> IndexMap<PublishedRow<'p>, Vec<String>> {
     let mut all = IndexMap::<_, Vec<String>>::new();
-    for (run, section) in page.runs.iter().flat_map(|run| run.view.sections.iter().map(move |s| (run, s))) {
+    for (run, section) in
+        page.runs.iter().flat_map(|run| run.view.sections.iter().map(move |s| (run, s)))
+    {
         for one in section.experiment.iter().flat_map(|experiment| &experiment.published) {
             let row = PublishedRow {
                 experiment: section.id,
@@ -175,7 +176,8 @@ fn rates_table(page: &Page<'_>, listed: &IndexMap<PublishedRow<'_>, Vec<String>>
         let note = if one.note.is_empty() { String::new() } else { format!("; {}", one.note) };
         let of = format!("{}{note}", one.conditions);
         let measured = if measured.is_empty() { "–".to_owned() } else { measured.join("; ") };
-        [one.experiment, one.figure.as_str(), measured.as_str(), of.as_str(), one.hardware].map(str::to_owned)
+        [one.experiment, one.figure.as_str(), measured.as_str(), of.as_str(), one.hardware]
+            .map(str::to_owned)
     });
     let columns = ["Experiment", "Frames per second", "Measured (interval)", "Of", "Hardware"];
     let table = Table::new("Published frame rates", columns)
