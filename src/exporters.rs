@@ -1,8 +1,7 @@
 //! Every report that is made from the records of a run or of a comparison. The same records give the same bytes.
 //! Adding one costs a file and an entry in `OF_RUNS` or `OF_COMPARISONS`.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{anyhow, bail};
@@ -20,7 +19,7 @@ use crate::report::changes::RunChanges;
 use crate::report::comparison::on_page;
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
-    Artifact, Exported, Exporter, OF_RUNS, Report, RunExporter, RunFormat, SkippedInput, Timing,
+    Artifact, Exported, Exporter, OF_RUNS, Report, RunExporter, SkippedInput, Timing,
 };
 use crate::text;
 
@@ -101,20 +100,7 @@ pub fn write(folder: &Path, reading: RecordFile) -> anyhow::Result<Vec<PathBuf>>
 /// Writes the files of a run beside its records, and gives their paths.
 pub fn write_view(folder: &Path, view: &Report<'_>) -> anyhow::Result<Vec<PathBuf>> {
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Timing::WithEveryReport);
-    let export = |exporter: &RunExporter| match exporter.export {
-        RunFormat::Rows(rows) => {
-            let path = folder.join(exporter.file);
-            let write = |file: &mut File| {
-                let mut file = BufWriter::new(file);
-                rows(view, &mut file)?;
-                file.flush()
-            };
-            let opened = Dir::make(folder).map_err(unwritable(&path))?;
-            opened.write_with(exporter.file, write).map_err(unwritable(&path))?;
-            Ok(vec![path])
-        }
-        _ => write_artifacts(folder, exporter.run(view).files()),
-    };
+    let export = |exporter: &RunExporter| write_artifacts(folder, exporter.run(view).files());
     written.map(export).flatten_ok().collect()
 }
 

@@ -15,10 +15,8 @@ use crate::harness::figures::{self, PaperFigure};
 use crate::harness::plan::{GIVEN, Request};
 use crate::harness::render::RenderedFrame;
 use crate::harness::run::{self, RunOptions, Summary};
-use crate::harness::subject::{Subject, Subjects};
-use crate::harness::{
-    ceilings, dump as dumping, picture, query as querying, sheet, verify as verifying,
-};
+use crate::harness::subject::Subjects;
+use crate::harness::{ceilings, dump as dumping, picture, sheet, verify as verifying};
 use crate::record::command::{CELL_OPTIONS, split_options};
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, FolderLock, OutcomeCounts, PassKind, Record, RecordFile, RunProgress};
@@ -30,7 +28,7 @@ use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::{AdapterArgs, DumpArgs, QueryArgs, Question, RenderArgs, RunArgs};
+use super::{AdapterArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where.
 const FIGURES_FOLDER: &str = "figures";
@@ -45,24 +43,38 @@ pub type ExitResult = anyhow::Result<ExitCode>;
 
 pub fn run(catalog: &Catalog, args: RunArgs) -> ExitResult {
     let start = Instant::now();
-    if Gpu::choose(&gpu_options(catalog, &args.adapter))?.software {
-        quiet::begin_again();
-    }
-    watch_interrupts()?;
     let options = RunOptions {
+        resume: args.resume,
+        seed: args.seed,
+        no_ceilings: args.no_ceilings,
+        ..begun(catalog, &args.measured)?
+    };
+    watch_interrupts()?;
+    measure(&RunOptions { request: request(args), ..options }, start)
+}
+
+/// What a run and a sweep are told alike. On a software adapter the process begins again on one core.
+pub fn begun(catalog: &Catalog, args: &MeasureArgs) -> anyhow::Result<RunOptions> {
+    let gpu = gpu_options(catalog, &args.adapter);
+    on_one_core(&gpu)?;
+    Ok(RunOptions {
         catalog: catalog.clone(),
-        gpu: gpu_options(catalog, &args.adapter),
+        gpu,
         profile: args.profile,
         budget_s: args.budget.map(|budget| budget.as_secs_f64()),
         precision: args.precision,
         out: args.out.clone(),
-        resume: args.resume,
-        seed: args.seed,
-        no_ceilings: args.no_ceilings,
         command: private::command(),
-        request: request(args),
-    };
-    measure(&options, start)
+        ..RunOptions::default()
+    })
+}
+
+/// Begins the process again on one core where the adapter is a software driver.
+fn on_one_core(options: &gpu::Options) -> anyhow::Result<()> {
+    if Gpu::choose(options)?.software {
+        quiet::begin_again();
+    }
+    Ok(())
 }
 
 /// Measures what is asked for, writes records and reports, and prints what came out in short: of sweeps their tables.
@@ -202,9 +214,7 @@ fn print_summary(summary: &Summary, options: &RunOptions) {
 /// The clocks that `run` would use here.
 pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let options = gpu_options(catalog, args);
-    if Gpu::choose(&options)?.software {
-        quiet::begin_again();
-    }
+    on_one_core(&options)?;
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
@@ -240,9 +250,7 @@ pub fn print_json(answer: &impl Serialize) -> ExitResult {
 
 pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
     let options = gpu_options(catalog, args);
-    if Gpu::choose(&options)?.software {
-        quiet::begin_again();
-    }
+    on_one_core(&options)?;
     let gpu = Gpu::open(&options)?;
     let answer = ceilings::measure_all(&gpu, gpu::audit_all(&gpu)?.plan)?;
     if json {
@@ -355,51 +363,6 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> ExitResult {
     let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
     let _lock = FolderLock::take(&args.output)?;
     list_files(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
-}
-
-pub fn query(catalog: &Catalog, args: QueryArgs) -> ExitResult {
-    match args.question {
-        Question::Ao => query_occlusion(catalog, &args)?,
-    }
-    list_files(args.output)
-}
-
-fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
-    let subject = queried(catalog, "volume_ao", args)?;
-    let rows = querying::read(&args.points)?;
-    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
-    let rays = args.reference.map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
-    let exact = rays.map(|rays| querying::reference(&subject, &rows, rays)).transpose()?;
-    write_answers(args, |name, writer| {
-        querying::write(name, writer, &rows, &occlusion, exact.as_deref())
-    })
-}
-
-/// What is asked of a pipeline is asked of the assets themselves.
-fn queried(catalog: &Catalog, pipeline: &str, args: &QueryArgs) -> anyhow::Result<Subject> {
-    let subject = Subjects::new(catalog).subject(pipeline, &args.scene, &args.set)?;
-    anyhow::ensure!(
-        subject.scene.stand_ins.is_empty() || args.allow_stand_ins,
-        "scene `{}` has stand-ins, whose answers are not those of the asset: {}; or use --allow-stand-ins",
-        args.scene,
-        subject.scene.stand_ins.join("; ")
-    );
-    Ok(subject)
-}
-
-/// Hands answers to the user: to the file that is named, else to standard output.
-fn write_answers(
-    args: &QueryArgs,
-    write: impl FnOnce(&str, &mut dyn std::io::Write) -> anyhow::Result<()>,
-) -> anyhow::Result<()> {
-    let Some(path) = &args.output else {
-        return write("standard output", &mut print::AnswerWriter);
-    };
-    let name = path.display().to_string();
-    let mut bytes = Vec::new();
-    write(&name, &mut bytes)?;
-    folder::write(path, &bytes).with_context(|| format!("cannot write {name}"))
 }
 
 /// Of one folder all its files, beside its records. Of several, or into another folder, one page. Of two runs what changed is

@@ -98,21 +98,13 @@ fn name(what: Listing) -> String {
 fn check_options(args: &ListArgs) -> anyhow::Result<()> {
     let whole = matches!(args.what, Some(Listing::Parameters));
     let of_pipeline = whole || matches!(args.what, Some(Listing::Stages));
-    let options = [
-        ("--pipeline", args.pipeline.is_some(), of_pipeline),
-        ("--scene", args.scene.is_some(), whole),
-        ("--set", !args.set.is_empty(), whole),
-    ];
-    for (option, given, applies) in options {
-        if given && !applies {
-            let what = args.what.map_or_else(String::new, |what| format!(" {}", name(what)));
-            let kinds = match option {
-                "--pipeline" => "stages` and `list parameters`",
-                _ => "parameters`",
-            };
-            anyhow::bail!("{option} does not apply to `list{what}`, only to `list {kinds}");
-        }
-    }
+    let is_lost = args.scene.is_some() || !args.set.is_empty();
+    anyhow::ensure!(whole || !is_lost, "--scene and --set apply to `list parameters` only");
+    let is_lost = args.pipeline.is_some();
+    anyhow::ensure!(
+        of_pipeline || !is_lost,
+        "--pipeline applies to `list stages` and `list parameters` only"
+    );
     Ok(())
 }
 

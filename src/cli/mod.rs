@@ -69,7 +69,6 @@ fn obey(catalog: &Catalog, command: Command) -> commands::ExitResult {
         Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
         Command::Dump(args) => commands::dump(catalog, args),
-        Command::Query(args) => commands::query(catalog, args),
         Command::Report { folders, out } => commands::report(folders, out),
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
@@ -176,8 +175,6 @@ pub enum Command {
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
-    /// Compute ambient occlusion at given points
-    Query(QueryArgs),
     /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
     Report {
         /// Folders of runs and comparisons. Of two runs, what changed is printed
@@ -252,9 +249,6 @@ impl AdapterArgs {
 pub struct RunArgs {
     /// Names of experiments or paths of experiment files [default: all built-in ones]
     pub experiments: Vec<String>,
-    /// Sizes: `quick` for software drivers, `paper` as published [default: by the adapter]
-    #[arg(long, value_enum)]
-    pub profile: Option<Profile>,
     /// Set a parameter of every cell; see `fathom list parameters`
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,
@@ -267,16 +261,6 @@ pub struct RunArgs {
     /// Measure only part I of N of the cells; the records of all parts, in one file, are those of the run
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,
-    /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are
-    /// listed, and `--resume` measures them [default: at most 4 minutes quick, 30 paper]
-    #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
-    pub budget: Option<Duration>,
-    /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
-    #[arg(long, value_name = "SHARE")]
-    pub precision: Option<f64>,
-    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
     /// Measure what the folder's records lack, and go on with cells and claims that need more samples [default folder: the latest one there]
     #[arg(long)]
     pub resume: bool,
@@ -286,6 +270,26 @@ pub struct RunArgs {
     /// Skip measuring the adapter's limits, which takes some seconds; stages then have no share of a limit
     #[arg(long)]
     pub no_ceilings: bool,
+    #[command(flatten)]
+    pub measured: MeasureArgs,
+}
+
+/// How a run or a sweep measures.
+#[derive(Args)]
+pub struct MeasureArgs {
+    /// Sizes: `quick` for software drivers, `paper` as published [default: by the adapter]
+    #[arg(long, value_enum)]
+    pub profile: Option<Profile>,
+    /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are
+    /// listed, and `fathom run --resume` measures them [default: at most 4 minutes quick, 30 paper]
+    #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
+    pub budget: Option<Duration>,
+    /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
+    #[arg(long, value_name = "SHARE")]
+    pub precision: Option<f64>,
+    /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }
@@ -362,38 +366,6 @@ pub struct DumpArgs {
     /// Folder to write to
     #[arg(short, long, value_name = "DIR", default_value = ".")]
     pub output: PathBuf,
-    #[command(flatten)]
-    pub adapter: AdapterArgs,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum Question {
-    /// Volume ambient occlusion, 0 open to 1 closed, at points with normals; pipeline volume_ao
-    Ao,
-}
-
-#[derive(Args)]
-pub struct QueryArgs {
-    /// What to compute
-    pub question: Question,
-    /// Name of a scene, or path of a scene file
-    #[arg(long)]
-    pub scene: String,
-    /// CSV file with the columns x, y, z (metres), nx, ny and nz
-    #[arg(long, value_name = "FILE")]
-    pub points: PathBuf,
-    /// Add exact results, by casting RAYS rays from each point [default: 1024]
-    #[arg(long, value_name = "RAYS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    pub reference: Option<Option<u32>>,
-    /// Set a parameter of the pipeline; see `fathom list parameters --pipeline volume_ao`
-    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
-    pub set: Vec<(String, Value)>,
-    /// CSV file to write [default: standard output]
-    #[arg(short, long, value_name = "FILE")]
-    pub output: Option<PathBuf>,
-    /// Use stand-ins for missing or damaged meshes
-    #[arg(long)]
-    pub allow_stand_ins: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

@@ -105,8 +105,6 @@ pub struct Ruling {
     pub deciding: Vec<RuledFigure>,
     /// The claim's other comparisons, each with its own verdict.
     pub others: Vec<RuledFigure>,
-    /// The publication's value of these figures, where it gives one.
-    pub published: Option<f64>,
     /// The sizes that were tested, where the claim asks for the publication's balance.
     pub scale: Option<SizeRatios>,
 }
@@ -125,7 +123,6 @@ impl Ruling {
             n: None,
             deciding: Vec::new(),
             others: Vec::new(),
-            published: claim.published(),
             scale: None,
         }
     }

@@ -143,7 +143,7 @@ pub struct Axis {
     pub sets: Vec<String>,
     /// What to write beside it in tables and plots, with its unit; the name where absent.
     pub title: Option<String>,
-    /// Its values change what is computed, not how: the errors of cells along it are of different tasks.
+    /// Files of earlier versions have it. Nothing reads it.
     #[serde(default)]
     pub task: bool,
     pub values: Option<Vec<Value>>,
@@ -331,11 +331,6 @@ impl Published {
             (Relation::Range, Some(high)) => format!("{} – {high}", self.fps),
             (Relation::About | Relation::Range, _) => format!("about {}", self.fps),
         }
-    }
-
-    /// Frame times in milliseconds, from the shortest to the longest that the figure allows for.
-    pub fn span_ms(&self) -> [f64; 2] {
-        [self.fps_high.unwrap_or(self.fps), self.fps].map(|fps| 1e3 / fps)
     }
 }
 

@@ -16,8 +16,7 @@ use super::repetitions::{self, NoiseAndBias};
 use super::reports::RunOutput;
 use super::sample::{self, CostForecast, Executor, Failure};
 use super::schedule::{CellState, Schedule};
-use super::views::RenderedViews;
-use super::{MAX_PASSES, host, picture};
+use super::{MAX_PASSES, host, picture, views};
 use fathom_base::folder::Dir;
 use fathom_base::print;
 use fathom_clock::{Samples, StopReason};
@@ -248,10 +247,10 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         });
         findings.add("errors not computed", judged);
         let start = self.session.times.since(start, SetUp::Errors);
-        let views = self.views(cell, pipeline, &mut findings);
+        self.views(cell, pipeline, &mut findings);
         self.compare(cell, pipeline, &mut findings);
         let start = self.session.times.since(start, SetUp::Comparisons);
-        self.pictures(cell, pipeline, views, &mut findings);
+        self.pictures(cell, pipeline, &mut findings);
         let start = self.session.times.since(start, SetUp::Pictures);
         let is_late = self.now_s() >= self.output.deadline_s();
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
@@ -273,26 +272,16 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         Judge { gpu, scene: &self.cells[cell].subject.scene, references: cache, requested }
     }
 
-    /// How views of the cell differ, where that is asked; their picture.
-    fn views(
-        &mut self,
-        cell: usize,
-        pipeline: &AnyPipeline,
-        findings: &mut CellFindings,
-    ) -> Option<Result<RgbImage>> {
-        let name = &self.experiment.views.as_ref()?.quantity;
-        let Session { gpu, timer, .. } = &mut *self.session;
+    /// How views of the cell differ, where that is asked.
+    fn views(&mut self, cell: usize, pipeline: &AnyPipeline, findings: &mut CellFindings) {
+        let Some(asked) = &self.experiment.views else { return };
+        let (name, Session { gpu, timer, .. }) = (&asked.quantity, &mut *self.session);
         let others = self.cells[cell].views.as_ref();
         let others =
             others.context("the pipeline has no seed, so noise cannot be separated from the dependence on the view");
-        let views = others.and_then(|others| RenderedViews::render(gpu, timer, pipeline, others));
-        let (spread, strip) = match views {
-            Ok(RenderedViews { spread, strip }) => (spread, Some(strip)),
-            Err(error) => (Err(error), None),
-        };
+        let spread = others.and_then(|others| views::spread(gpu, timer, pipeline, others));
         let figures = spread.map(|spread| spread.figures(name));
         findings.add(&format!("{name} not computed"), figures);
-        strip
     }
 
     /// Differences from the cell's reference run, and between its repetitions.
@@ -320,14 +309,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         }
     }
 
-    /// `views` is the picture of several views, where there is one.
-    fn pictures(
-        &mut self,
-        cell: usize,
-        pipeline: &AnyPipeline,
-        views: Option<Result<RgbImage>>,
-        findings: &mut CellFindings,
-    ) {
+    fn pictures(&mut self, cell: usize, pipeline: &AnyPipeline, findings: &mut CellFindings) {
         let later = std::mem::replace(&mut self.progress.pictured, true);
         if later && self.experiment.pictures == Pictures::First {
             return;
@@ -344,8 +326,8 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
                 Dir::open(&folder).map_err(|source| picture::write_error(&folder, source))?;
             picture::write(picture, &folder, Path::new(name))
         };
-        let saved = views.unwrap_or_else(|| picture::read_image(&self.session.gpu, pipeline));
-        let saved = saved.and_then(|picture| save(&picture, &image.path));
+        let read = picture::read_image(&self.session.gpu, pipeline);
+        let saved = read.and_then(|picture| save(&picture, &image.path));
         let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
         findings.pictures.extend(saved.map(|()| image));
         if self.experiment.error_picture {

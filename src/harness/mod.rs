@@ -1,4 +1,4 @@
-//! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames; answers at points.
+//! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames.
 //!
 //! [`plan`] resolves parameters and checks limits, [`schedule`] says which cells come next, [`sample`] schedules their frames over
 //! an [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
@@ -16,7 +16,6 @@ pub mod outcome;
 pub mod picture;
 pub mod plan;
 pub mod progress;
-pub mod query;
 pub mod render;
 pub mod repetitions;
 pub mod reports;

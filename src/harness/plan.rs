@@ -13,7 +13,7 @@ use super::catalog::{Catalog, SubjectError};
 use super::repetitions::PlannedRepetitions;
 use super::shard;
 use super::subject::{Subject, Subjects};
-use super::views::TurnedView;
+use super::views;
 use fathom_base::private;
 use fathom_base::text::did_you_mean;
 use fathom_experiments::defaults::{self, CellSettings};
@@ -112,7 +112,7 @@ pub struct PlannedCell {
     /// What its result is held against; see [`CellPlan::reference`].
     pub reference: Option<Subject>,
     /// The same and seen from elsewhere, where the experiment asks for views.
-    pub views: Option<Vec<TurnedView>>,
+    pub views: Option<Vec<[Subject; 2]>>,
     pub repetitions: Option<PlannedRepetitions>,
 }
 
@@ -187,7 +187,7 @@ fn planned_cell(
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
     let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
-    let views = turns_deg.and_then(|turns_deg| TurnedView::all(&of_cell, turns_deg));
+    let views = turns_deg.and_then(|turns_deg| views::twice(&of_cell, turns_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
         let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;

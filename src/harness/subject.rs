@@ -12,7 +12,7 @@ use fathom_base::parameter;
 use fathom_base::print;
 use fathom_gpu::{Capacity, Gpu, GpuError};
 use fathom_pipelines as pipelines;
-use fathom_pipelines::{AnyPipeline, Pipeline, PipelineKind, PipelinePlan};
+use fathom_pipelines::{AnyPipeline, PipelineKind, PipelinePlan};
 use fathom_scene::{Camera, Scene, SceneError, SceneFile};
 
 /// A pipeline with its parameters, and a scene with its geometry.
@@ -56,15 +56,6 @@ impl Subject {
             return Err(GpuError::Limit(reason));
         }
         gpu.catch(|| (self.kind.build)(&self.params, gpu, &self.scene))
-    }
-
-    /// The parameters of a kind that the caller knows; an error if it is of another.
-    pub fn parameters<P: Pipeline>(&self) -> Result<P::Params, SubjectError> {
-        if self.kind.name != P::NAME {
-            let other = format!("pipeline {} is not {}", self.kind.name, P::NAME);
-            return Err(SubjectError::Invalid(other));
-        }
-        Ok(pipelines::typed(&self.params)?)
     }
 
     /// For a picture of `factor` times the columns and rows; none where the pipeline has no such picture.

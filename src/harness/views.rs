@@ -3,9 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 use glam::{DQuat, DVec3};
-use image::{Rgb, RgbImage, imageops};
 
-use super::picture;
 use super::subject::Subject;
 use fathom_base::statistics::mean;
 use fathom_gpu::{FrameTimer, Gpu, Pixels, read_texture};
@@ -43,12 +41,6 @@ struct Shot {
     visibility: Pixels,
 }
 
-pub struct TurnedView {
-    turn_deg: f64,
-    /// As the cell is drawn, and drawn anew with other random numbers.
-    pub(super) subjects: [Subject; 2],
-}
-
 /// Added to a cell's seed where a view is drawn anew.
 const OTHER_SEED: u32 = 1;
 /// How far the picture is moved where a view is drawn anew, pixels along both axes: what looking values up between pixels adds is
@@ -73,19 +65,13 @@ fn panned(camera: &Camera, share: f64) -> Camera {
     Camera { target_m: moved.to_array(), ..camera.clone() }
 }
 
-impl TurnedView {
-    /// The cell's own view, and those with the camera turned about its target by these angles; none for pipelines without random
-    /// numbers.
-    pub fn all(cell: &Subject, turns_deg: &[f64]) -> Option<Vec<Self>> {
-        let camera = cell.camera();
-        let viewed = |turn_deg: &f64| (*turn_deg, cell.with_camera(&turned(&camera, *turn_deg)));
-        let all = std::iter::once((0.0, cell.clone())).chain(turns_deg.iter().map(viewed));
-        let twice = |(turn_deg, viewed): (f64, Subject)| {
-            let again = drawn_anew(&viewed)?;
-            Some(Self { turn_deg, subjects: [viewed, again] })
-        };
-        all.map(twice).collect()
-    }
+/// The cell's own view, and those with the camera turned about its target by these angles, each as the cell is drawn, and drawn anew;
+/// none for pipelines without random numbers.
+pub fn twice(cell: &Subject, turns_deg: &[f64]) -> Option<Vec<[Subject; 2]>> {
+    let camera = cell.camera();
+    let viewed = |turn_deg: &f64| cell.with_camera(&turned(&camera, *turn_deg));
+    let all = std::iter::once(cell.clone()).chain(turns_deg.iter().map(viewed));
+    all.map(|view| Some([view.clone(), drawn_anew(&view)?])).collect()
 }
 
 /// How values at the same points differ between views.
@@ -122,61 +108,31 @@ impl Spread {
     }
 }
 
-pub struct RenderedViews {
-    pub spread: Result<Spread>,
-    /// The views side by side in order of their angles, the cell's own at 0.
-    pub strip: Result<RgbImage>,
-}
-
-impl RenderedViews {
-    /// Of the last frame's occlusion, as the image is composed with it, and of the other views, each of which is drawn once.
-    ///
-    /// # Errors
-    /// What the GPU reports, and a pipeline without occlusion.
-    pub fn render(
-        gpu: &Gpu,
-        timer: &mut FrameTimer,
-        cell: &AnyPipeline,
-        views: &[TurnedView],
-    ) -> Result<Self> {
-        // One at a time, as the pictures of a view are large.
-        let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>> {
-            let pipeline = subject.build(gpu)?;
-            timer.run_stages(gpu, &pipeline.stages())?;
-            Ok(pipeline)
-        };
-        let (mut pictures, mut seen) = (Vec::new(), ViewPoints::default());
-        for (index, TurnedView { turn_deg, subjects: [first, second] }) in views.iter().enumerate()
-        {
-            // The cell's own view is drawn already.
-            let drawn = if index > 0 { Some(draw(first)?) } else { None };
-            let first = drawn.as_deref().unwrap_or(cell);
-            pictures.push((*turn_deg, picture::read_image(gpu, first)));
-            let shots = [Shot::new(gpu, first)?, Shot::new(gpu, draw(second)?.as_ref())?];
-            if index > 0 { seen.add_view(&shots) } else { seen = ViewPoints::from_own_view(&shots) }
-        }
-        pictures.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let pictures: Result<Vec<RgbImage>> =
-            pictures.into_iter().map(|(_, picture)| picture).collect();
-        Ok(Self { spread: seen.spread(), strip: pictures.map(|pictures| strip(&pictures)) })
+/// Of the last frame's occlusion, as the image is composed with it, and of that of the other views, each of which is drawn once.
+///
+/// # Errors
+/// What the GPU reports, and a pipeline without occlusion.
+pub fn spread(
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
+    cell: &AnyPipeline,
+    views: &[[Subject; 2]],
+) -> Result<Spread> {
+    // One at a time, as the pictures of a view are large.
+    let mut draw = |subject: &Subject| -> Result<Shot> {
+        let pipeline = subject.build(gpu)?;
+        timer.run_stages(gpu, &pipeline.stages())?;
+        Shot::new(gpu, pipeline.as_ref())
+    };
+    let mut seen = ViewPoints::default();
+    for (index, [first, second]) in views.iter().enumerate() {
+        // The cell's own view is drawn already.
+        let own = if index > 0 { draw(first)? } else { Shot::new(gpu, cell)? };
+        let shots = [own, draw(second)?];
+        if index > 0 { seen.add_view(&shots) } else { seen = ViewPoints::from_own_view(&shots) }
     }
+    seen.spread()
 }
-
-/// Pictures side by side.
-fn strip(pictures: &[RgbImage]) -> RgbImage {
-    let width = pictures.iter().map(|picture| picture.width() + GAP_PX).sum::<u32>() - GAP_PX;
-    let height = pictures.iter().map(RgbImage::height).max().unwrap_or(1);
-    let mut strip = RgbImage::from_pixel(width, height, Rgb([255; 3]));
-    let mut left = 0;
-    for picture in pictures {
-        imageops::replace(&mut strip, picture, left.into(), 0);
-        left += picture.width() + GAP_PX;
-    }
-    strip
-}
-
-/// Between the pictures of a strip.
-const GAP_PX: u32 = 4;
 
 /// Points of the cell's own view, and their occlusion in two draws of each view that sees them.
 #[derive(Default)]

@@ -3,8 +3,6 @@
 //! The quantities of a cell stand in its first row only: they are many, and the same for all its stages.
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
-use std::io::{self, Write};
-
 use itertools::Itertools;
 
 use super::{Exporter, Report, RunCell, RunExporter, RunFormat, Timing};
@@ -21,7 +19,7 @@ pub const EXPORTER: RunExporter = Exporter {
     about: "one row per cell and stage",
     file: "cells.csv",
     written: Timing::WithEveryReport,
-    export: RunFormat::Rows(export),
+    export: RunFormat::One(export),
 };
 
 type CellField = fn(&RunCell<'_>) -> String;
@@ -91,7 +89,7 @@ const FRAME_COLUMNS: [(&str, FrameField); 16] = [
     }),
 ];
 
-fn export(view: &Report<'_>, to: &mut dyn Write) -> io::Result<()> {
+fn export(view: &Report<'_>) -> String {
     let axes = view.entries().flat_map(|entry| entry.cell.axes.keys().map(String::as_str)).unique();
     let axes = axes.collect_vec();
     let of_cell = CELL_COLUMNS.iter().map(|(name, _)| (*name).to_owned());
@@ -102,12 +100,14 @@ fn export(view: &Report<'_>, to: &mut dyn Write) -> io::Result<()> {
     let others = of_stage.chain(Work::NAMES.iter().copied()).chain(of_frame);
     let header = of_cell.chain(of_axes).chain(others.map(str::to_owned)).collect_vec();
     let columns = header.len();
-    let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(to);
+    let mut writer =
+        csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
     let rows = view.entries().flat_map(|entry| rows(entry, &axes, columns));
     for row in std::iter::once(header).chain(rows) {
-        writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)))?;
+        // Writing to memory does not fail.
+        let _ = writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)));
     }
-    writer.flush()
+    String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
 }
 
 fn rows(entry: &RunCell<'_>, axes: &[&str], columns: usize) -> Vec<Vec<String>> {
@@ -209,17 +209,15 @@ mod tests {
     use fathom_experiments::fixtures;
     use fathom_record::{Cell, MachineState, Record};
 
-    fn exported(records: &[Record]) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        export(&Report::new(records, None), &mut bytes).unwrap();
-        bytes
+    fn exported(records: &[Record]) -> String {
+        export(&Report::new(records, None))
     }
 
     #[test]
     fn every_row_has_every_column() {
         let records = fixtures::run();
         let text = exported(&records);
-        let mut reader = csv::Reader::from_reader(&text[..]);
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
         let head: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
         assert!(head.iter().all_unique(), "{head:?}");
         let axes = head.iter().filter(|name| name.starts_with("axis:"));
@@ -245,7 +243,7 @@ mod tests {
         let state = |power_w| MachineState { power_w, ..MachineState::default() };
         measured.frame.machine = [Some(10.0), Some(30.0), None].map(state).into();
         let text = exported(&records);
-        let mut reader = csv::Reader::from_reader(&text[..]);
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
         let head = reader.headers().unwrap().clone();
         let mut rows = reader.records().map(Result::unwrap);
         let row = rows.find(|row| row[0] == *cells[0] && row[1] == *cells[1]).unwrap();
@@ -271,7 +269,7 @@ mod tests {
         let records = fixtures::run();
         let view = Report::new(&records, None);
         let text = exported(&records);
-        let mut reader = csv::Reader::from_reader(&text[..]);
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
         let rows = reader.records().map(Result::unwrap);
         let named_rows = rows.filter(|row| row[row.len() - 1].contains('=')).count();
         let with_figures = view.measured().filter(|(_, measured)| !measured.figures().is_empty());
@@ -286,7 +284,7 @@ mod tests {
         use fathom_record::ThrottleReason::{GpuIdle, SwPowerCap};
         measured.unwrap().frame.machine = vec![state(vec![GpuIdle]), state(vec![SwPowerCap])];
         let text = exported(&records);
-        let mut reader = csv::Reader::from_reader(&text[..]);
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         let told = |row: &csv::StringRecord| [4, 3, 2].map(|n| row[row.len() - n].to_owned());
         let measured = rows.iter().filter(|row| &row[8] == "measured").map(told);

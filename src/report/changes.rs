@@ -8,7 +8,7 @@ use itertools::{Itertools, chain};
 
 use crate::comparison::rows;
 use crate::document::{self, Block, Span, Table, Tone};
-use crate::format::{NS_PER_MS, interval, percent, three};
+use crate::format::{NS_PER_MS, count_noun, interval, percent, three};
 use crate::{Report, facts, noise, run_conditions, shown_file};
 use fathom_experiments::Ruling;
 use fathom_experiments::schema::Claim;
@@ -105,11 +105,6 @@ impl RunChanges {
 
 fn cells<'a>(view: &Report<'a>) -> Vec<&'a Cell> {
     view.entries().map(|entry| entry.cell).collect()
-}
-
-/// `1 cell`, `3 cells`.
-fn count_noun(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 fn cell_name(cell: &Cell) -> String {

@@ -72,6 +72,11 @@ pub fn trim_zeros(text: &str) -> &str {
     }
 }
 
+/// `1 cell`, `3 cells`.
+pub fn count_noun(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
 pub fn mebibytes(bytes: u64) -> String {
     format!("{} MiB", three(bytes as f64 / (1 << 20) as f64))
 }

@@ -32,7 +32,6 @@ pub use page::overview::terminal_summary;
 pub use summary::EXPORTER as SUMMARY;
 pub use trust::conditions as run_conditions;
 
-use std::io::{self, Write};
 use std::path::Path;
 
 use fathom_record::Record;
@@ -80,8 +79,6 @@ pub type RunExporter = Exporter<RunFormat>;
 pub enum RunFormat {
     /// The text of one file.
     One(fn(&Report<'_>) -> String),
-    /// The text of one file, written row by row: that of a large run fills memory.
-    Rows(fn(&Report<'_>, &mut dyn Write) -> io::Result<()>),
     /// A file for each experiment.
     Several(fn(&Report<'_>) -> Vec<Artifact>),
 }
@@ -115,12 +112,6 @@ impl RunExporter {
     pub fn run(&self, view: &Report<'_>) -> Exported {
         match self.export {
             RunFormat::One(export) => self.one(export(view)),
-            RunFormat::Rows(export) => {
-                let mut bytes = Vec::new();
-                // Writing to memory does not fail.
-                let _ = export(view, &mut bytes);
-                Exported::One(Artifact { name: self.file.to_owned(), bytes })
-            }
             RunFormat::Several(export) => Exported::Several(export(view)),
         }
     }

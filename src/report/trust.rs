@@ -1,5 +1,5 @@
-//! How far a run can be trusted: what its clocks are worth, what timing costs, how frame times moved while it ran. Functions of a
-//! view. The words for the verdict on the whole run are in `noise`.
+//! How far a run can be trusted: what its clocks are worth and what timing costs. Functions of a view. The words for the verdict on
+//! the whole run are in `noise`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,8 +11,7 @@ use fathom_base::statistics;
 use fathom_experiments::{CHANCE, Verdict, min_samples};
 use fathom_judge::clocks::{ClockTrust, clocks};
 use fathom_record::{
-    Cell, Clock, Conditions, Estimate, FrameRecord, Interval, PassKind, Run, SetUp, Throttling,
-    machine,
+    Cell, Clock, Conditions, Estimate, Interval, PassKind, Run, SetUp, Throttling, machine,
 };
 
 /// Of several sessions the one with the clock that can be trusted least; the latest of equal ones.
@@ -173,34 +172,9 @@ pub fn set_up_parts(view: &Report<'_>) -> Vec<(SetUp, f64)> {
     parts.into_iter().sorted_by(|a, b| b.1.total_cmp(&a.1)).collect()
 }
 
-/// An untimed frame in the order of time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TimedSample {
-    /// Since the first sample of the view.
-    pub at_s: f64,
-    /// Frame time over the median of its cell.
-    pub relative: f64,
-}
-
-/// The untimed frames of all cells by time.
-pub fn samples_by_time(view: &Report<'_>) -> Vec<TimedSample> {
-    let of_frame = |frame: &FrameRecord| {
-        let median = frame.untimed.median;
-        let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
-        let relative = samples.map(|(at_s, ns)| TimedSample { at_s: *at_s, relative: ns / median });
-        relative.filter(|sample| sample.relative.is_finite()).collect_vec()
-    };
-    let mut samples =
-        view.timed().flat_map(|(_, measured)| of_frame(&measured.frame)).collect_vec();
-    samples.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    let start_s = samples.first().map_or(0.0, |first| first.at_s);
-    samples.iter().map(|sample| TimedSample { at_s: sample.at_s - start_s, ..*sample }).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_base::statistics;
     use fathom_experiments::fixtures;
     use fathom_record::{MachineState, ThrottleReason};
 
@@ -237,14 +211,5 @@ mod tests {
         let words = few_samples(&Report::new(&records, None)).unwrap();
         let end = format!("the least is {fewest}");
         assert!(words.starts_with("2 of ") && words.ends_with(&end), "{words}");
-    }
-
-    #[test]
-    fn samples_stand_in_the_order_of_time_about_their_median() {
-        let records = fixtures::run();
-        let samples = samples_by_time(&Report::new(&records, None));
-        assert!(samples.is_sorted_by(|a, b| a.at_s <= b.at_s) && samples[0].at_s == 0.0);
-        let relative = samples.iter().map(|sample| sample.relative).collect_vec();
-        assert!((statistics::median(&relative) - 1.0).abs() < 0.01);
     }
 }

@@ -94,7 +94,7 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
     let first = replayed(&place, 1);
     place.write("stored/terminal.txt", &first);
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/compare");
-    for name in ["terminal.txt", "summary.md", "comment.md", "junit.xml", "benchmark.json"] {
+    for name in ["terminal.txt", "summary.md", "comment.md", "junit.xml"] {
         let found = place.read(format!("stored/{name}"));
         let known = golden.join(name);
         if std::env::var_os("FATHOM_BLESS").is_some() {
@@ -108,7 +108,7 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
         names.map(|name| (name.clone(), place.read(format!("stored/{name}")))).collect()
     };
     let before = files();
-    assert_eq!(before.len(), 7);
+    assert_eq!(before.len(), 6);
     assert_eq!(replayed(&place, 1), first);
     assert_eq!(files(), before);
 
@@ -117,7 +117,6 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
         ("comment", "comment.md"),
         ("page", "index.html"),
         ("junit", "junit.xml"),
-        ("github-action-benchmark", "benchmark.json"),
     ] {
         let output = place.fathom(format!("compare --format {format} --replay stored")).ends(1);
         assert_eq!(output.out, before[file], "{format}");

@@ -5,7 +5,6 @@
 mod ceilings;
 #[path = "../common/mod.rs"]
 mod common;
-mod embedded;
 mod jobs;
 mod machine;
 mod page;

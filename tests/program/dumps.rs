@@ -48,37 +48,26 @@ impl Dump {
     fn rows(&self) -> impl Iterator<Item = &[f64]> {
         self.array.values.chunks_exact(self.array.shape[1])
     }
-
-    fn sum(&self) -> f64 {
-        self.array.values.iter().sum()
-    }
 }
 
-/// What stages left behind of one cell.
-struct Dumps {
-    photons: Dump,
-    splat: Dump,
-    filtered: Dump,
-    depth: Dump,
-}
-
-fn dumps(gpu: &Gpu, set: &str) -> Dumps {
+/// Photons, caustics, filtered caustics and depth that the stages left behind of one frame.
+fn dumps(gpu: &Gpu, set: &str) -> [Dump; 4] {
     // The paper's squares, of photons on a regular grid.
     let small = "view.width=200 view.height=200 caustics.grid=64 caustics.buffer=[128,128] \
         caustics.coverage=square caustics.jitter=0 godrays.grid=8";
     let sets = sets(&format!("{small} {set}"));
     let subject = Subjects::default().subject("underwater", "plane", &sets).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    for stage in ["caustics/trace", "caustics/splat", "caustics/filter", "scene/gbuffer"] {
+    let outputs = [
+        ("caustics/trace", "caustics-trace-photons"),
+        ("caustics/splat", "caustics-splat-intensity"),
+        ("caustics/filter", "caustics-filter-filtered"),
+        ("scene/gbuffer", "scene-gbuffer-depth"),
+    ];
+    outputs.map(|(stage, stem)| {
         dump(gpu, &subject, stage, folder.path()).unwrap();
-    }
-    let read = |stem| Dump::read(folder.path(), stem);
-    Dumps {
-        photons: read("caustics-trace-photons"),
-        splat: read("caustics-splat-intensity"),
-        filtered: read("caustics-filter-filtered"),
-        depth: read("scene-gbuffer-depth"),
-    }
+        Dump::read(folder.path(), stem)
+    })
 }
 
 /// A photon that landed: its hit, and the energy that it brings, W.
@@ -97,8 +86,7 @@ fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
 }
 
 /// The buffer's sum by the description's rules, and the energy of the photons whose hits lie in view.
-fn expected(dumps: &Dumps) -> (f64, f64) {
-    let (splat, depth) = (&dumps.splat, &dumps.depth.array);
+fn expected(photons: &Dump, splat: &Dump, depth: &Array) -> (f64, f64) {
     let eye: DVec3 = splat.field("/camera/position_m");
     let project = splat.matrix("/camera/view_projection");
     let size = [128.0, 128.0];
@@ -106,7 +94,7 @@ fn expected(dumps: &Dumps) -> (f64, f64) {
         .map(|name| splat.field(&format!("/splat/{name}")));
     let conserving = splat.about["photons"]["intensity"] == "conserving";
     let (mut sum, mut energy) = (0.0, 0.0);
-    for (hit, photon_w) in landed(&dumps.photons) {
+    for (hit, photon_w) in landed(photons) {
         let ndc = project.project_point3(hit);
         let place = [(ndc.x + 1.0) / 2.0 * size[0], (1.0 - ndc.y) / 2.0 * size[1]];
         let distance_m = hit.distance(eye);
@@ -155,12 +143,13 @@ fn the_caustics_buffer_follows_from_its_dumps_in_the_units_that_they_tell() {
         (format!("caustics.intensity=conserving {FROM_ABOVE} {POINT_LIGHT}"), Some("W/px")),
         (format!("caustics.intensity=paper {FROM_ABOVE}"), Some("not divided")),
     ] {
-        let dumps = dumps(&gpu, &set);
-        let ((sum, energy), measured) = (expected(&dumps), dumps.splat.sum());
+        let [photons, splat, filtered, depth] = dumps(&gpu, &set);
+        let (sum, energy) = expected(&photons, &splat, &depth.array);
+        let measured: f64 = splat.array.values.iter().sum();
         assert!(off(measured, sum) < SUM, "{set}: {measured} against {sum}");
-        assert_eq!(unit(&dumps.splat), unit(&dumps.filtered));
+        assert_eq!(unit(&splat), unit(&filtered));
         let Some(told) = of_energy else { continue };
-        assert!(unit(&dumps.splat).contains(told), "{}", unit(&dumps.splat));
+        assert!(unit(&splat).contains(told), "{}", unit(&splat));
         let is_in_view = off(measured, energy) < ENERGY;
         assert!(is_in_view || told != "W/px" && measured > 24.0 * energy, "{measured} {energy}");
     }
@@ -169,9 +158,7 @@ fn the_caustics_buffer_follows_from_its_dumps_in_the_units_that_they_tell() {
 /// The frustum's parts agree with each other and with where the photons enter.
 #[test]
 fn the_light_frustum_and_the_photons_belong_together() {
-    let gpu = gpu();
-    let dumps = dumps(&gpu, "water.amplitude_m=0.0");
-    let photons = &dumps.photons;
+    let [photons, ..] = dumps(&gpu(), "water.amplitude_m=0.0");
     assert_eq!(photons.array.shape, [64 * 64 * 4, 13]);
     assert_eq!(photons.field::<Vec<usize>>("/shape"), photons.array.shape);
     assert_eq!(photons.field::<Vec<Value>>("/columns").len(), 13);

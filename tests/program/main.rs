@@ -18,6 +18,5 @@ mod missing_figures;
 mod overlay;
 mod printing;
 mod private;
-mod queries;
 mod shards;
 mod sweeps;

@@ -22,7 +22,6 @@ const COMMANDS: &str = "\
     0 export bencher HERE/out -o HERE/bencher.json
     0 dump caustics/trace SMALL -o HERE/dump
     0 render tank SMALL -o HERE/tank.png
-    0 query ao --scene ball --points HERE/points.csv --set voxel.resolution=16 -o HERE/ao.csv
     0 history add HERE/out --commit c0ffee --branch b --db HERE/h.sqlite
     0 history show --db HERE/h.sqlite --out HERE/history
     0 history changes --db HERE/h.sqlite --json
@@ -53,11 +52,10 @@ fn nothing_that_is_written_tells_paths_names_or_variables() {
     let worker = format!("#!/bin/sh\nexec python3 {}/worker.py --counted\n", example.display());
     let own = [
         place.write(format!("{MARK}/own.toml"), own_experiment(1)),
-        place.write(format!("{MARK}/points.csv"), "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n"),
         place.write(format!("{MARK}/cells.toml"), fs::read(example.join("cells.toml")).unwrap()),
         place.write(format!("{MARK}/worker.sh"), worker),
     ];
-    fs::set_permissions(&own[3], fs::Permissions::from_mode(0o755)).unwrap();
+    fs::set_permissions(&own[2], fs::Permissions::from_mode(0o755)).unwrap();
     let told = place.write(format!("{MARK}/told/0.json"), "");
     for (number, line) in COMMANDS.lines().enumerate() {
         let (status, words) = line.trim().split_once(' ').unwrap();

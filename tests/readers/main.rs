@@ -21,7 +21,6 @@ use common::{Place, lines, reference_of, skipped_cell};
 use fathom::compare::protocol::{Reply, parse_request};
 use fathom::compare::{cells::Gates, store::Comparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_set};
-use fathom::harness::query;
 use fathom::harness::subject::Subjects;
 use fathom::history::{History, HistoryChanges, NewRun, Selection, document, tables};
 use fathom::record::comparison::Compared;
@@ -108,7 +107,6 @@ readers! {
     raw_volumes: "a.raw", raw_volume;
     experiments: "e.toml", experiment;
     gates: "gates.toml", gates_file;
-    points: "points.csv", points_file;
     records: "records.jsonl", run;
     comparisons: "records.jsonl", comparison;
     objs: "a.obj", mesh;
@@ -145,10 +143,6 @@ fn experiment(path: &Path) -> ReadResult {
 fn gates_file(path: &Path) -> ReadResult {
     let gates = with_text(Gates::load(Some(path), ("", "")))?;
     with_text(gates.filtered("caustics")).map(drop)
-}
-
-fn points_file(path: &Path) -> ReadResult {
-    with_text(query::read(path)).map(drop)
 }
 
 fn run(path: &Path) -> ReadResult {

@@ -65,13 +65,6 @@ pub fn gates() -> Seeds {
     all([include_str!("../../benches/gates.toml")])
 }
 
-pub fn points() -> Seeds {
-    all([
-        "x,y,z,nx,ny,nz\n1,2,3,0,1,0\n-0.5,2e1,3,0.1,1,-1\n",
-        "name,nz, ny,nx,z,y,x\n\"a, b\",0,2,0,3, 2,1\n",
-    ])
-}
-
 /// The shortest cell of a real run, with the run's other lines that concern it.
 pub fn records() -> Seeds {
     let text = reference();

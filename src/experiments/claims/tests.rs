@@ -641,7 +641,12 @@ const PUBLISHED: &str = r#"
     "#;
 
 fn published(params: [Value; 2]) -> Vec<Ruling> {
-    let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + PUBLISHED)).unwrap();
+    published_with("", params)
+}
+
+/// The same with one more claim.
+fn published_with(claim: &str, params: [Value; 2]) -> Vec<Ruling> {
+    let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + PUBLISHED + claim)).unwrap();
     let mut cells = swept(&[1.0, 2.0], |n| 2.0 * n);
     for (cell, params) in cells.iter_mut().zip(params) {
         cell.params = params.into();
@@ -686,15 +691,7 @@ fn a_bound_on_every_cell_is_tested_on_the_balanced_ones() {
         balance = "published"
         test.within = { y = "quantity:error", low = 0.0, high = 3.0 }
         "#;
-    let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + PUBLISHED + claim)).unwrap();
-    let verdict = |params: [Value; 2]| {
-        let mut cells = swept(&[1.0, 2.0], |n| 2.0 * n);
-        for (cell, params) in cells.iter_mut().zip(params) {
-            cell.params = params.into();
-        }
-        let rulings = experiment.rulings(&cells.iter().collect::<Vec<_>>(), false);
-        rulings.last().unwrap().verdict
-    };
+    let verdict = |params| published_with(claim, params).last().unwrap().verdict;
     // The errors are 2 and 4: the second cell contradicts the claim where it counts.
     assert_eq!(verdict([sizes(100.0, 250.0), sizes(100.0, 1000.0)]), Contradicted);
     assert_eq!(verdict([sizes(100.0, 250.0), sizes(100.0, 4000.0)]), Supported);

@@ -92,17 +92,6 @@ impl Claim {
         let prints_number = self.published.is_some() || printed.split([' ', '/']).any(is_number);
         self.source.is_some() && prints_number && !printed.contains("about")
     }
-
-    /// The publication's value of the figure that is tested.
-    pub fn published(&self) -> Option<f64> {
-        self.source.as_ref()?;
-        self.published.or(match &self.test {
-            Test::Slope { expected, .. } => Some(*expected),
-            Test::Independent { .. } => Some(1.0),
-            Test::AtLeast { value, .. } if self.has_printed_bound() => Some(*value),
-            _ => None,
-        })
-    }
 }
 
 /// How a claim is tested. `over` names the axis along which cells are compared; cells that differ in another axis

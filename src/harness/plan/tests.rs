@@ -144,7 +144,7 @@ fn every_view_is_seen_from_within_its_scene() {
             }
             let last = cell.views.as_ref().unwrap().last().unwrap();
             let expected = views::turned(&own, *turns_deg.last().unwrap());
-            assert_eq!(last.subjects[0].camera(), expected);
+            assert_eq!(last[0].camera(), expected);
         }
     }
 }

@@ -1,6 +1,5 @@
 //! Reports of a comparison: functions of its verdicts alone.
 
-mod benchmark;
 mod comment;
 mod document;
 mod junit;
@@ -15,7 +14,7 @@ use fathom_judge::verdict::Verdicts;
 pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;
 
 /// Exporters of comparisons, in the order in which their files are written.
-pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
+pub const OF_COMPARISONS: [ComparisonExporter; 5] = [
     Exporter {
         written: Timing::OnRequest,
         ..format("text", "a table for the terminal", "comparison.txt", document::terminal)
@@ -29,12 +28,6 @@ pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
     ),
     format("page", "one HTML page with every cell's change", html::FILE, document::page),
     format("junit", "JUnit XML: regressions as failures", "junit.xml", junit::export),
-    format(
-        "github-action-benchmark",
-        "customSmallerIsBetter of github-action-benchmark",
-        "benchmark.json",
-        benchmark::export,
-    ),
 ];
 
 /// One that is written with every report.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use indexmap::IndexMap;
 use itertools::Itertools;
 
-use crate::format::{NS_PER_MS, mebibytes, si, three};
+use crate::format::{NS_PER_MS, count_noun, mebibytes, si, three};
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts::{Change, CountChange};
 use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
@@ -132,11 +132,7 @@ pub fn headline(verdicts: &Verdicts<'_>) -> String {
 pub fn count_words(verdicts: &Verdicts<'_>) -> String {
     let all = verdicts.count_verdicts();
     let counted = all.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
-    format!("{}: {counted}", cells(verdicts.cells.len()))
-}
-
-fn cells(count: usize) -> String {
-    format!("{count} {}", if count == 1 { "cell" } else { "cells" })
+    format!("{}: {counted}", count_noun(verdicts.cells.len(), "cell"))
 }
 
 /// Each regression in a sentence, the gravest first; then what concerns configurations as a whole.
@@ -241,7 +237,7 @@ fn throttled_times(verdicts: &Verdicts<'_>) -> Option<String> {
     (held > 0).then(|| {
         format!(
             "heat or power throttled clocks while {held} of {} were timed; {slower} of these are slower with more throttled launches on the head: measure them again",
-            cells(times.count())
+            count_noun(times.count(), "cell")
         )
     })
 }
@@ -288,8 +284,13 @@ fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
 /// How many cells the first launches settled, if any.
 fn settled(comparison: &Comparison) -> Option<String> {
     let settled = time::unchanged_cells(comparison).len();
-    (settled > 0)
-        .then(|| format!(" ({} launches for {}, which they settled)", time::LOOK, cells(settled)))
+    (settled > 0).then(|| {
+        format!(
+            " ({} launches for {}, which they settled)",
+            time::LOOK,
+            count_noun(settled, "cell")
+        )
+    })
 }
 
 /// What the second measurement of the time gate was, if there was one.
@@ -298,7 +299,10 @@ fn second(comparison: &Comparison) -> Option<String> {
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
     let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();
     let launches = comparison.launches_of(true);
-    Some(format!(", {launches} more of {pairs} pairs for {} still undecided", cells(open)))
+    Some(format!(
+        ", {launches} more of {pairs} pairs for {} still undecided",
+        count_noun(open, "cell")
+    ))
 }
 
 /// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH`.

@@ -31,9 +31,9 @@ fn shares(view: &Report<'_>) -> Vec<Block> {
     let names = timed.map(|stage| stage.stage.as_str()).sorted_unstable().dedup();
     let unknown =
         names.filter(|name| !nearest().any(|bound| bound.stage.stage == *name)).join(", ");
-    let columns = ["Stage", "Share of its limit", "(interval)", "Limit", "Work in a frame", "Cell"];
+    let columns = ["Stage", "Share of its limit (interval)", "Limit", "Work in a frame", "Cell"];
     let table = Table::new("Shares of limits", columns)
-        .with(ColumnKind::Numbers, &columns[1..3])
+        .with(ColumnKind::Numbers, &columns[1..2])
         .with_rows(nearest().map(row));
     let unknown = (!unknown.is_empty()).then(|| {
         Block::paragraph(format!(
@@ -44,12 +44,12 @@ fn shares(view: &Report<'_>) -> Vec<Block> {
     std::iter::once(Block::Table(table)).chain(unknown).chain([limits]).collect()
 }
 
-fn row(BoundStage { cell, stage, share }: &BoundStage<'_>) -> [Line; 6] {
+fn row(BoundStage { cell, stage, share }: &BoundStage<'_>) -> [Line; 5] {
     let basis = if share.basis == Basis::Counted { "counted" } else { "declared" };
     [
         stage.stage.as_str().into(),
-        Span::Bold(percent(share.share)).into(),
-        ends(share.interval, |share| three(100.0 * share)).into(),
+        Line::from(Span::Bold(percent(share.share)))
+            .and(ends(share.interval, |share| three(100.0 * share))),
         share.limit.name().into(),
         format!("{} {}, {basis}", si(share.amount as f64), share.work.name()).into(),
         format!("{}: {}", cell.experiment, cell.cell).into(),
@@ -57,20 +57,19 @@ fn row(BoundStage { cell, stage, share }: &BoundStage<'_>) -> [Line; 6] {
 }
 
 fn ends(interval: Option<Interval>, text: impl Fn(f64) -> String) -> String {
-    let of = |Interval { low, high }| format!("({} – {})", text(low), text(high));
+    let of = |Interval { low, high }| format!(" ({} – {})", text(low), text(high));
     interval.map(of).unwrap_or_default()
 }
 
 /// Those of the latest sitting that measured some.
 fn limits(view: &Report<'_>) -> Table {
     let measured = view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
-    let columns = ["Limit", "Rate", "(interval)", "n", "2 N / N"];
+    let columns = ["Limit", "Rate (interval)", "n", "2 N / N"];
     let row = |ceiling: &Ceiling| {
         let Ceiling { limit, rate, doubling } = ceiling;
         [
             limit.name().to_owned(),
-            format!("{} {}", si(rate.median), limit.unit()),
-            ends(rate.interval, si),
+            format!("{} {}{}", si(rate.median), limit.unit(), ends(rate.interval, si)),
             rate.n.to_string(),
             format!("{}{}", three(*doubling), if ceiling.is_sound() { "" } else { " unusable" }),
         ]

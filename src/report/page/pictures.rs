@@ -5,13 +5,13 @@ mod embed;
 use std::collections::BTreeSet;
 
 use maud::{Markup, html};
-use serde_json::Value;
 
 use self::embed::{Embedded, Embedder};
 use super::{Fold, Page, PageRun, PageSection, SkippedInput};
 use crate::Section;
+use crate::charts::names;
 use crate::document::{self, Block};
-use crate::format::three;
+use crate::format::{count_noun, three};
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, label_text};
 use fathom_record::{Cell, ErrorSpan, Picture, PictureKind, PictureScale};
@@ -56,8 +56,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         p.lead {
-            "The cells' last frames, compressed with loss if that is smaller. In a picture of errors white means no error. A picture "
-            "that is wider than its viewport shows several views. "
+            "The cells' last frames, compressed with loss if that is smaller. In a picture of errors white means no error. "
             span.script-only { "The slider shows two pictures of an experiment at the same place." }
         }
         @for group in groups { (group_pictures(page, group)) }
@@ -89,7 +88,7 @@ fn group_pictures(page: &Page<'_>, group: &PictureGroup<'_>) -> Markup {
     html! {
         details.pictures open[group.shown.len() <= OPEN_PICTURES] {
             summary {
-                b { (group.section.id) } ": " (group.section.title()) ", " (group.shown.len()) @if group.shown.len() == 1 { " picture" } @else { " pictures" }
+                b { (group.section.id) } ": " (group.section.title()) ", " (count_noun(group.shown.len(), "picture"))
                 @if page.is_overlay() { " (" (group.run.label) ")" }
             }
             @if group.shown.len() > 1 { div.slider.script-only {} }
@@ -140,65 +139,49 @@ fn caption(
 /// Values of the cell's axes in words; the cell's name where there are none.
 fn axes(experiment: Option<&Experiment>, cell: &Cell, is_told: impl Fn(&str) -> bool) -> String {
     let named_axes = cell.axes.iter().filter(|(name, _)| is_told(name));
-    let words: Vec<String> = named_axes
-        .map(|(name, value)| format!("{} {}", axis_title(experiment, name), label_text(value)))
-        .collect();
+    let title = |name: &str| match experiment {
+        Some(experiment) => names::axis(name, experiment),
+        None => words::parameter_label(name),
+    };
+    let words: Vec<String> =
+        named_axes.map(|(name, value)| format!("{} {}", title(name), label_text(value))).collect();
     if words.is_empty() { cell.cell.clone() } else { words.join(", ") }
 }
 
-/// What the experiment calls its axis, else the name in words.
-fn axis_title(experiment: Option<&Experiment>, name: &str) -> String {
-    let title = experiment.and_then(|one| one.axes().find(|axis| axis.name == name)?.title.clone());
-    title.unwrap_or_else(|| words::parameter_label(name))
-}
-
-/// Size of the picture, of the viewport where that differs, and of what the page shows where that is smaller.
+/// Size of the picture, and of what the page shows where that is smaller.
 fn size(shown: &PagePicture<'_>) -> String {
     let px = |[width, height]: [u32; 2]| format!("{width} × {height} px");
     let Embedded { own_px, shown_px, .. } = &shown.embedded;
-    let side = |name| shown.cell.params.lookup(name).and_then(Value::as_u64);
-    let viewport = side("view.width").zip(side("view.height"));
-    let differs = |(width, height): &(u64, u64)| own_px.map(u64::from) != [*width, *height];
-    let mut text = px(*own_px);
-    if let Some((width, height)) = viewport.filter(differs) {
-        text += &format!(" of a viewport of {width} × {height} px");
+    match own_px == shown_px {
+        true => px(*own_px),
+        false => format!("{}, shown at {}", px(*own_px), px(*shown_px)),
     }
-    if shown_px != own_px {
-        text += &format!(", shown at {}", px(*shown_px));
-    }
-    text
 }
 
 /// What the colours mean, and the largest error.
 fn scale(picture: &Picture) -> Option<String> {
-    match (picture.scale, picture.shows) {
-        (Some(PictureScale::Visibility), _) => {
-            Some("Occlusion A as grey: black is A = 1, white is A = 0".to_owned())
+    Some(match picture.scale? {
+        PictureScale::Visibility => {
+            "Occlusion A as grey: black is A = 1, white is A = 0".to_owned()
         }
-        (Some(PictureScale::OcclusionError(ErrorSpan { full_at, largest })), _) => Some(format!(
+        PictureScale::OcclusionError(ErrorSpan { full_at, largest }) => format!(
             "Red is too dark, blue too light, in full colour from ±{} of occlusion on, grey not compared; largest error {}",
             three(full_at),
             three(largest)
-        )),
-        (Some(PictureScale::IrradianceError(ErrorSpan { full_at, largest })), _) => Some(format!(
+        ),
+        PictureScale::IrradianceError(ErrorSpan { full_at, largest }) => format!(
             "Red is too bright, blue too dark, in full colour from ±{} times the mean irradiance on; largest error {} times",
             three(full_at),
             three(largest)
-        )),
-        (None, PictureKind::Error) => Some(
-            "Red and blue are errors of opposite signs; these records do not say how large"
-                .to_owned(),
         ),
-        (None, PictureKind::Image) => None,
-    }
+    })
 }
 
 fn missing(left_out: &[SkippedInput]) -> Markup {
-    let words = if left_out.len() == 1 { "picture is" } else { "pictures are" };
     let more = left_out.len().saturating_sub(MAX_NAMED);
     let named = left_out.iter().take(MAX_NAMED).map(SkippedInput::line);
     let list = Block::list(named.chain((more > 0).then(|| format!("and {more} more"))));
-    let words = format!("{} {words} not shown", left_out.len());
+    let words = format!("not shown: {}", count_noun(left_out.len(), "picture"));
     document::html(&[Block::Fold(words.into(), vec![list])])
 }
 

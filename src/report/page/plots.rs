@@ -5,6 +5,7 @@ use indexmap::{IndexMap, IndexSet};
 use super::claims::verdict_mark;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::document::{self, Block, Line, Span, Tone};
+use crate::format::count_noun;
 use crate::{Section, charts};
 use fathom_record::NoteKind;
 use strum::EnumMessage as _;
@@ -97,7 +98,7 @@ fn notes(section: &Section<'_>) -> Vec<Block> {
     }
     let fold = |(kind, of_cells): (NoteKind, Vec<String>)| {
         let about = kind.get_documentation().unwrap_or_default();
-        let words = format!("{}: {about}", counted(of_cells.len()));
+        let words = format!("{}: {about}", count_noun(of_cells.len(), "note"));
         Block::Fold(words.into(), vec![Block::list(of_cells)])
     };
     let frames: u32 = section.measured().map(|(_, measured)| measured.rejected_frames()).sum();
@@ -107,10 +108,6 @@ fn notes(section: &Section<'_>) -> Vec<Block> {
     let remarks = (frames > 0).then_some(rejected).into_iter();
     let remarks = remarks.chain(stand_ins.into_iter().cloned()).map(faint);
     kinds.into_iter().map(fold).chain(remarks).collect()
-}
-
-fn counted(notes: usize) -> String {
-    format!("{notes} {}", if notes == 1 { "note" } else { "notes" })
 }
 
 #[cfg(test)]

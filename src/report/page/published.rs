@@ -2,14 +2,14 @@
 //!
 //! Frame rates of a software driver say nothing beside those of a GPU: there only ratios, slopes and errors are compared.
 
-use indexmap::IndexSet;
+use indexmap::IndexMap;
 use serde_json::Value;
 
 use super::setting_words;
-use super::{Fold, Page, PageRun, PageSection};
+use super::{Fold, Page, PageSection};
 use crate::Section;
 use crate::document::{self, Block, ColumnKind, Field, Line, Span, Table};
-use crate::format::three;
+use crate::format::{interval, three};
 use fathom_experiments::schema::{Published, Relation};
 use fathom_experiments::{fits, flatten, fps};
 use fathom_record::Estimate;
@@ -22,53 +22,27 @@ pub const SECTION: PageSection = PageSection {
     write: |page| document::html_if_any(parts(page)),
 };
 
-/// A published figure and the measured one.
+/// A ratio of published frame rates and the measured one.
 struct Pair {
-    /// Place of the run on the page.
-    run: usize,
     published: f64,
     measured: f64,
-    /// Of the interval; the figure twice where there is none.
+    /// Of the interval.
     ends: [f64; 2],
     what: String,
 }
 
 fn parts(page: &Page<'_>) -> Vec<Block> {
-    let of_runs = |pairs: fn(usize, &PageRun<'_>) -> Vec<Pair>| -> Vec<Pair> {
-        page.runs.iter().enumerate().flat_map(|(place, run)| pairs(place, run)).collect()
-    };
-    let (ratios, rates) = (of_runs(ratios), of_runs(rates));
-    let listed = listed(page);
-    if ratios.is_empty() && listed.is_empty() {
-        return Vec::new();
-    }
-    let lead = if ratios.is_empty() && rates.is_empty() {
-        "No published frame rate can be compared with this run: no two of an experiment are of sizes that were measured."
-    } else {
-        "The last column is 1 where a figure agrees with the publication. Intervals stand in brackets."
-    };
-    let mut parts = vec![Block::paragraph(lead)];
-    for (about, pairs) in [
-        ("Published and measured ratios", ratios),
-        ("Published and measured frames per second", rates),
-    ] {
-        if !pairs.is_empty() {
-            parts.extend([
-                Block::Heading(about.into()),
-                Block::Table(pairs_table(page, about, &pairs)),
-            ]);
-        }
+    let (ratios, listed) = (ratios_table(page), listed(page));
+    let mut parts = Vec::new();
+    if !ratios.rows.is_empty() {
+        let about = "Ratios between published frame rates hold on any device. The last column is 1 where a figure agrees with the publication. \
+                     Intervals stand in brackets.";
+        parts.extend([Block::paragraph(about), Block::Table(ratios)]);
     }
     if !listed.is_empty() {
         parts.push(rates_table(page, &listed));
     }
     parts
-}
-
-/// Ratios between published frame rates hold on any device.
-fn ratios(place: usize, run: &PageRun<'_>) -> Vec<Pair> {
-    let sections = run.view.sections.iter();
-    sections.flat_map(|section| rate_pairs(place, section)).collect()
 }
 
 /// A published frame rate, and the frame time of the first cell of its size that was timed.
@@ -80,22 +54,25 @@ struct MatchedCell<'p> {
 
 fn matched<'p>(section: &'p Section<'_>) -> Vec<MatchedCell<'p>> {
     let published = section.experiment.iter().flat_map(|experiment| &experiment.published);
-    let with_cell = published.filter_map(|published| {
-        let (_, measured) = section.timed().find(|(cell, _)| fits(cell, &published.filter))?;
-        Some(MatchedCell { published, frame: &measured.frame.untimed })
-    });
+    let with_cell = published
+        .filter_map(|published| Some(MatchedCell { published, frame: frame(section, published)? }));
     with_cell.collect()
+}
+
+fn frame<'p>(section: &'p Section<'_>, published: &Published) -> Option<&'p Estimate> {
+    let (_, measured) = section.timed().find(|(cell, _)| fits(cell, &published.filter))?;
+    Some(&measured.frame.untimed)
 }
 
 /// Each published frame rate over the latest one before it that differs in a single condition, such as the method. Bounds and
 /// ranges have no ratio.
-fn rate_pairs(run: usize, section: &Section<'_>) -> Vec<Pair> {
+fn rate_pairs(section: &Section<'_>) -> Vec<Pair> {
     let is_stated = |one: &MatchedCell<'_>| one.published.comparison == Relation::About;
     let stated: Vec<MatchedCell<'_>> = matched(section).into_iter().filter(is_stated).collect();
     let pair = |(place, one): (usize, &MatchedCell<'_>)| {
         let mut before = stated[..place].iter().rev();
         let base = before.find(|base| differing(one.published, base.published) == 1)?;
-        Some(ratio(run, section.id, one, base))
+        Some(ratio(section.id, one, base))
     };
     stated.iter().enumerate().filter_map(pair).collect()
 }
@@ -114,7 +91,7 @@ fn differing(one: &Published, other: &Published) -> usize {
     split(one, other)[0].len().max(split(other, one)[0].len())
 }
 
-fn ratio(run: usize, experiment: &str, one: &MatchedCell<'_>, base: &MatchedCell<'_>) -> Pair {
+fn ratio(experiment: &str, one: &MatchedCell<'_>, base: &MatchedCell<'_>) -> Pair {
     let ([low, high], [base_low, base_high]) = (one.frame.ends(), base.frame.ends());
     let [own, shared] = split(one.published, base.published);
     let [of_base, _] = split(base.published, one.published);
@@ -122,26 +99,11 @@ fn ratio(run: usize, experiment: &str, one: &MatchedCell<'_>, base: &MatchedCell
         [own, of_base, shared].map(|conditions| format_conditions(&conditions));
     let what = format!("{experiment}: frame rate of {own} over that of {of_base} ({shared})");
     Pair {
-        run,
         published: one.published.fps / base.published.fps,
         measured: base.frame.median / one.frame.median,
         ends: [base_low / high, base_high / low],
         what,
     }
-}
-
-/// Frame rates of hardware; of a software driver none is compared.
-fn rates(run: usize, on_page: &PageRun<'_>) -> Vec<Pair> {
-    let sections = on_page.view.sections.iter().filter(|section| !section.software());
-    let pairs = sections.flat_map(|section| {
-        matched(section).into_iter().map(move |MatchedCell { published, frame }| {
-            let rate = fps(frame);
-            let what =
-                format!("{}: {} fps ({})", section.id, published.figure(), conditions(published));
-            Pair { run, published: published.fps, measured: rate.median, ends: rate.ends(), what }
-        })
-    });
-    pairs.collect()
 }
 
 /// Where a published figure holds, in words: `scene: tank, width of the picture 800 px`.
@@ -153,21 +115,23 @@ fn format_conditions(conditions: &[Condition]) -> String {
     setting_words(conditions.iter().map(|(path, value)| (path, value)))
 }
 
-fn pairs_table(page: &Page<'_>, about: &str, pairs: &[Pair]) -> Table {
+fn ratios_table(page: &Page<'_>) -> Table {
     let columns = ["What", "Published", "Measured (interval)", "Measured / published"];
-    let rows = pairs.iter().map(|pair| {
-        let [low, high] = pair.ends;
-        let interval = (low < high).then(|| format!(" ({} – {})", three(low), three(high)));
-        let measured = Line::from(three(pair.measured));
+    let pairs = page.runs.iter().flat_map(|run| {
+        let sections = run.view.sections.iter();
+        sections.flat_map(rate_pairs).map(move |pair| (run, pair))
+    });
+    let rows = pairs.map(|(run, pair)| {
+        let interval = format!(" ({} – {})", three(pair.ends[0]), three(pair.ends[1]));
         let fields = [
             pair.what.as_str().into(),
             three(pair.published).into(),
-            measured.and(Span::Faint(interval.unwrap_or_default())),
+            Line::from(three(pair.measured)).and(Span::Faint(interval)),
             three(pair.measured / pair.published).into(),
         ];
-        page.run_fields(&page.runs[pair.run], fields.map(Field::from))
+        page.run_fields(run, fields.map(Field::from))
     });
-    page.table(about, &columns)
+    page.table("Published and measured ratios", &columns)
         .with(ColumnKind::Sentences, &columns[..1])
         .with(ColumnKind::Numbers, &columns[1..])
         .with_rows(rows)
@@ -183,33 +147,46 @@ struct PublishedRow<'p> {
     note: &'p str,
 }
 
-/// All published frame rates of the page's experiments, each once.
-fn listed<'p>(page: &'p Page<'p>) -> IndexSet<PublishedRow<'p>> {
-    let sections = page.runs.iter().flat_map(|run| &run.view.sections);
-    let figures = sections.flat_map(|section| {
-        let published = section.experiment.iter().flat_map(|experiment| &experiment.published);
-        published.map(|one| PublishedRow {
-            experiment: section.id,
-            figure: one.figure(),
-            conditions: conditions(one),
-            hardware: &one.hardware,
-            note: &one.note,
-        })
-    });
-    figures.collect()
+/// All published frame rates of the page's experiments, each once, with those that were measured on hardware.
+fn listed<'p>(page: &'p Page<'p>) -> IndexMap<PublishedRow<'p>, Vec<String>> {
+    let mut all = IndexMap::<_, Vec<String>>::new();
+    for (run, section) in
+        page.runs.iter().flat_map(|run| run.view.sections.iter().map(move |s| (run, s)))
+    {
+        for one in section.experiment.iter().flat_map(|experiment| &experiment.published) {
+            let row = PublishedRow {
+                experiment: section.id,
+                figure: one.figure(),
+                conditions: conditions(one),
+                hardware: &one.hardware,
+                note: &one.note,
+            };
+            let measured = frame(section, one).filter(|_| !section.software());
+            let label = if page.is_overlay() { format!("{}: ", run.label) } else { String::new() };
+            let measured = measured.map(|frame| format!("{label}{}", interval(&fps(frame))));
+            all.entry(row).or_default().extend(measured);
+        }
+    }
+    all
 }
 
-fn rates_table(page: &Page<'_>, listed: &IndexSet<PublishedRow<'_>>) -> Block {
+fn rates_table(page: &Page<'_>, listed: &IndexMap<PublishedRow<'_>, Vec<String>>) -> Block {
     let is_software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
-    let rows = listed.iter().map(|one| {
+    let are_measured = listed.values().any(|measured| !measured.is_empty());
+    let rows = listed.iter().map(|(one, measured)| {
         let note = if one.note.is_empty() { String::new() } else { format!("; {}", one.note) };
-        let of = format!("{}{note}", one.conditions);
-        [one.experiment, one.figure.as_str(), of.as_str(), one.hardware].map(str::to_owned)
+        let mut row = vec![one.experiment.to_owned(), one.figure.clone()];
+        row.extend(are_measured.then(|| measured.join("; ")));
+        row.extend([format!("{}{note}", one.conditions), one.hardware.to_owned()]);
+        row
     });
-    let columns = ["Experiment", "Frames per second", "Of", "Hardware"];
+    let mut columns = vec!["Experiment", "Frames per second", "Of", "Hardware"];
+    if are_measured {
+        columns.insert(2, "Measured (interval)");
+    }
     let table = Table::new("Published frame rates", columns)
-        .with(ColumnKind::Numbers, &columns[1..2])
-        .with(ColumnKind::Sentences, &columns[2..3])
+        .with(ColumnKind::Numbers, &["Frames per second", "Measured (interval)"])
+        .with(ColumnKind::Sentences, &["Of"])
         .with_rows(rows);
     let words = format!("{} published frame rates, each with its hardware", listed.len());
     let note = is_software.then(|| Block::paragraph("They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none are shown."));
@@ -235,51 +212,34 @@ mod tests {
         records
     }
 
-    fn with_page<T>(records: &[Record], read: impl Fn(&Page<'_>) -> T) -> T {
-        read(&testing::page(&[&Report::new(records, None)]))
-    }
-
-    fn section<'p>(page: &'p Page<'p>, id: &str) -> &'p Section<'p> {
-        let mut sections = page.runs[0].view.sections.iter();
-        sections.find(|section| section.id == id).unwrap()
-    }
-
     #[test]
     fn frame_rates_are_compared_on_hardware_only() {
         for software in [true, false] {
-            with_page(&records(software), |page| {
-                let rates = rates(0, &page.runs[0]);
-                assert_eq!(rates.is_empty(), software);
-                let text = (SECTION.write)(page).unwrap().into_string();
-                assert_eq!(text.contains("measured frames per second"), !software);
-                assert!(text.contains("GeForce GTX 260"));
-            });
+            let text = testing::written(SECTION.write, &records(software));
+            let (rates, ratios) = (text.split("<details>").nth(1).unwrap(), "measured ratios");
+            assert_eq!(rates.contains("Measured (interval)"), !software);
+            assert!(text.contains(ratios) && rates.contains("GeForce GTX 260"), "{text}");
         }
     }
 
     #[test]
     fn ratios_of_published_rates_are_those_of_the_measured_cells() {
-        with_page(&records(true), |page| {
-            let section = section(page, "spt-refraction");
-            let (pairs, all) = (rate_pairs(0, section), matched(section));
-            // The teapot in the larger viewport, traced, differs in both sides from all before.
-            assert!(pairs.len() + 2 == all.len() && pairs.len() >= 8, "{}", pairs.len());
-            let (trace, two_interface) = (all[0], all[1]);
-            assert_eq!(pairs[0].published, two_interface.published.fps / trace.published.fps);
-            assert_eq!(pairs[0].measured, trace.frame.median / two_interface.frame.median);
-            for Pair { ends: [low, high], measured, .. } in &pairs {
-                assert!(low <= measured && measured <= high);
-            }
-        });
-    }
-
-    #[test]
-    fn bounds_and_ranges_have_no_ratio() {
-        with_page(&records(true), |page| {
-            let section = section(page, "uw-photons");
-            assert!(matched(section).len() >= 2);
-            assert_eq!(rate_pairs(0, section).len(), 0);
-        });
+        let records = records(true);
+        let view = Report::new(&records, None);
+        let section = |id: &str| view.sections.iter().find(|section| section.id == id).unwrap();
+        let refraction = section("spt-refraction");
+        let (pairs, all) = (rate_pairs(refraction), matched(refraction));
+        // The teapot in the larger viewport, traced, differs in both sides from all before.
+        assert!(pairs.len() + 2 == all.len() && pairs.len() >= 8, "{}", pairs.len());
+        let (trace, two_interface) = (all[0], all[1]);
+        assert_eq!(pairs[0].published, two_interface.published.fps / trace.published.fps);
+        assert_eq!(pairs[0].measured, trace.frame.median / two_interface.frame.median);
+        for Pair { ends: [low, high], measured, .. } in &pairs {
+            assert!(low <= measured && measured <= high);
+        }
+        // Bounds and ranges have no ratio.
+        let photons = section("uw-photons");
+        assert!(matched(photons).len() >= 2 && rate_pairs(photons).is_empty());
     }
 
     #[test]

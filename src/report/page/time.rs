@@ -7,7 +7,7 @@ use super::{Fold, Page, PageRun, PageSection};
 use crate::charts::shares;
 use crate::document::{self, Block, ColumnKind, Field, Line, Span};
 use crate::facts::{self, Representative, StageShare};
-use crate::format::{self, NS_PER_MS, percent, three};
+use crate::format::{self, NS_PER_MS, count_noun, percent, three};
 use fathom_base::statistics;
 
 pub const SECTION: PageSection = PageSection {
@@ -87,7 +87,7 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
     let others = (!short.is_empty()).then(|| {
         [
             Line::default(),
-            format!("{} other{}", short.len(), if short.len() == 1 { "" } else { "s" }).into(),
+            count_noun(short.len(), "other").into(),
             three(sum(|share| share.stage.time.median) / NS_PER_MS).into(),
             percent(sum(|share| share.share.median)).into(),
             Line::default(),

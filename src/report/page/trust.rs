@@ -1,17 +1,14 @@
-//! How far the run can be trusted: its clocks, the cost and precision of its times, and how they moved while it ran.
+//! How far the run can be trusted: its clocks, the cost and precision of its times, and their drift.
 
 use super::{Fold, Page, PageSection};
 use crate::Report;
-use crate::axis::{Scale, ScaleKind};
-use crate::charts::points::{Point, PointChart, Series};
-use crate::charts::style::{self, Marker};
 use crate::document::{self, Block, ColumnKind, Line, Span, Table, Tone};
 use crate::facts;
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::noise;
-use crate::trust::{self, TimedSample};
+use crate::trust;
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Clock, Estimate, Interval, PassKind, Rejection, Run};
+use fathom_record::{AuditRow, Clock, PassKind, Rejection, Run};
 use itertools::Itertools;
 
 pub const SECTION: PageSection = PageSection {
@@ -21,10 +18,6 @@ pub const SECTION: PageSection = PageSection {
     fold: Fold::Folded,
     write: |page| document::html_if_any(parts(page)),
 };
-
-const CHART_PX: (u32, u32) = (560, 260);
-/// Spans of time whose samples are a mark.
-const SPANS: usize = 24;
 
 fn parts(page: &Page<'_>) -> Vec<Block> {
     let mut parts = Vec::new();
@@ -47,7 +40,6 @@ fn parts(page: &Page<'_>) -> Vec<Block> {
                 "Each clock compared with the host clock, for a kernel of N and of 2 N work:";
             parts.extend([Block::paragraph(about), Block::Table(audit(run))]);
         }
-        parts.extend(over_time(&trust::samples_by_time(view)));
         parts.push(Block::list(details(view, run)));
     }
     parts
@@ -87,59 +79,6 @@ fn audit(run: &Run) -> Table {
 /// Only timestamps measure the frame apart from its stages.
 fn has_timestamps(view: &Report<'_>) -> bool {
     view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp))
-}
-
-/// How frame times moved: the median and the middle half of all samples of each span of time, as per cent off the median of their cells.
-fn over_time(samples: &[TimedSample]) -> Vec<Block> {
-    let Some(last) = samples.last() else { return Vec::new() };
-    let index = |sample: &&TimedSample| {
-        ((sample.at_s / last.at_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
-    };
-    let spans = samples.iter().chunk_by(|sample| index(sample));
-    let points = spans.into_iter().map(|(_, span)| point(&span.collect_vec())).collect();
-    let series = Series {
-        name: String::new(),
-        remarks: Vec::new(),
-        color: style::color(0),
-        marker: Marker::nth(0),
-        points,
-        is_joined: false,
-        fit: None,
-    };
-    let scales = [series.xs().collect_vec(), series.ys().collect_vec()]
-        .map(|values| Scale::fit(ScaleKind::Linear, values));
-    let [Some(x), Some(y)] = scales else { return Vec::new() };
-    let chart = PointChart {
-        title: String::new(),
-        x_title: "time since the first sample (min)".to_owned(),
-        y_title: "off the cell's median (%)".to_owned(),
-        x,
-        y,
-        series: vec![series],
-        changes: Vec::new(),
-    };
-    let svg = chart.svg(CHART_PX, "Frame times in the order in which they were measured");
-    let words = format!(
-        "Frame times off the medians of their cells: a dot is the median over a span of time, its line the middle half of the samples. \
-         {} samples.",
-        samples.len()
-    );
-    vec![Block::Chart(svg), Block::paragraph(words)]
-}
-
-/// The samples of a span of time.
-fn point(samples: &[&TimedSample]) -> Point {
-    let all = |of: fn(&TimedSample) -> f64| samples.iter().map(|sample| of(sample)).collect_vec();
-    let minutes = statistics::median(&all(|sample| sample.at_s / 60.0));
-    let off = all(|sample| 100.0 * (sample.relative - 1.0));
-    let [low, median, high] = [0.25, 0.5, 0.75].map(|share| statistics::quantile(&off, share));
-    Point {
-        x: minutes,
-        y: Estimate { median, interval: Some(Interval { low, high }), n: off.len() },
-        tip: format!("{} min: median {median:+.2} %, n = {}", three(minutes), off.len()),
-        category: None,
-        published: None,
-    }
 }
 
 fn details(view: &Report<'_>, run: &Run) -> Vec<String> {
@@ -225,27 +164,16 @@ mod tests {
     use fathom_record::{Cell, FaultKind, RejectedFrames};
 
     #[test]
-    fn the_section_holds_audit_charts_and_facts() {
+    fn the_section_holds_audit_and_facts() {
         let text = written(SECTION.write, &fixtures::run());
         for expected in [
             "✕ </span>unusable",
             "begins late",
-            "time since the first sample (min)",
             "Frames rejected: none",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
         ] {
             assert!(text.contains(expected), "{expected}");
         }
-    }
-
-    #[test]
-    fn samples_over_time_are_drawn_by_spans() {
-        let sample =
-            |i: usize| TimedSample { at_s: i as f64, relative: 1.0 + (i % 7) as f64 / 100.0 };
-        let samples: Vec<TimedSample> = (0..10_000).map(sample).collect();
-        let text = document::html(&over_time(&samples)).into_string();
-        assert!(text.contains("10000 samples") && text.contains("median +3.00 %"), "{text}");
-        assert_eq!(text.matches("<title>").count(), SPANS);
     }
 
     #[test]

@@ -1,40 +1,13 @@
 //! `fathom export` and `fathom schema` as a user meets them.
 
-use crate::common::{Ends, Place, fathom, holds, names, own_cell, skipped_cell, write_records};
+use crate::common::{Ends, Place, fathom, holds, names, reference_of, write_records};
 use fathom::record::comparison::Compared;
 use fathom::record::schema::LineKind;
-use fathom::record::{
-    Clock, FrameRecord, Measured, Outcome, Record, Run, SCHEMA, StageRecord, Work,
-};
-use fathom::statistics::estimate;
-use serde_json::{Value, json};
 
-const SAMPLES_NS: [f64; 3] = [2e6, 1e6, 4e6];
-
-/// A frame of one stage and as long gaps.
-fn measured() -> Measured {
-    let stage = StageRecord::new("compose", Clock::Timestamp, SAMPLES_NS.to_vec());
-    let work = Work { fragments: 64, ..Work::default() };
-    let envelope_samples_ns = SAMPLES_NS.map(|ns| 2.0 * ns).to_vec();
-    let frame = FrameRecord {
-        gap_samples_ns: SAMPLES_NS.to_vec(),
-        untimed_samples_ns: envelope_samples_ns.clone(),
-        untimed: estimate(&envelope_samples_ns),
-        envelope_samples_ns,
-        ..FrameRecord::default()
-    };
-    let stages = vec![StageRecord { work, ..stage }];
-    Measured { stages, frame, allocated_bytes: 512, ..Measured::default() }
-}
-
-/// A run of a measured and a skipped cell, a comparison, and a folder without records.
+/// A run of one experiment, a comparison, and a folder without records.
 fn folders() -> Place {
     let place = Place::new();
-    let run = Run { schema: SCHEMA, ..Run::default() };
-    let measured = own_cell("n=1", Outcome::Measured(Box::new(measured())));
-    let records =
-        [Record::Run(Box::new(run)), Record::Cell(Box::new(measured)), skipped_cell("n=2")];
-    write_records(&place.path("run"), &records);
+    write_records(&place.path("run"), &reference_of("uw-photons"));
     write_records(&place.path("comparison"), &[Compared::Header(Box::default()).into()]);
     std::fs::create_dir(place.path("empty")).unwrap();
     place
@@ -46,10 +19,6 @@ fn exported(place: &Place, words: &str) -> String {
     output.out
 }
 
-fn json_of(place: &Place, words: &str) -> Value {
-    serde_json::from_str(&exported(place, words)).unwrap()
-}
-
 #[test]
 fn every_format_of_a_run_can_be_had_alone() {
     let place = folders();
@@ -58,10 +27,6 @@ fn every_format_of_a_run_can_be_had_alone() {
         let written = place.read(format!("run/{file}"));
         assert_eq!(exported(&place, &format!("{format} run")), written, "{format}");
     }
-    let bencher = json_of(&place, "bencher run");
-    assert_eq!(bencher["own n=1"]["latency"], json!({ "value": 4e6 }));
-    assert_eq!(bencher["own n=1"]["allocated-bytes"], json!({ "value": 512 }));
-    assert_eq!(bencher["own n=1 compose"]["latency"], json!({ "value": 2e6 }));
 }
 
 #[test]
@@ -78,7 +43,6 @@ fn a_file_goes_where_it_is_told_to_go() {
 fn formats_of_comparisons_are_found_by_what_the_folder_holds() {
     let place = folders();
     holds(&exported(&place, "text comparison"), &["0 cells"]);
-    assert_eq!(json_of(&place, "github-action-benchmark comparison"), json!([]));
 }
 
 #[test]

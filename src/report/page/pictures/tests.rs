@@ -37,7 +37,7 @@ fn pictures_lie_in_the_page_with_their_parameters_and_sizes() {
     let text =
         written(&run(&[picture("a.png", None), picture("b.png", None)]), Some(folder.path()));
     assert_eq!(text.matches("src=\"data:image/").count(), 2);
-    assert!(text.contains("40 × 30 px of a viewport of 128 × 128 px"), "{text}");
+    assert!(text.contains("40 × 30 px<"), "{text}");
     assert!(text.contains("960 × 480 px") && text.contains("shown at 280 × 140 px"));
     assert!(text.contains("class=\"slider"));
 }
@@ -63,7 +63,7 @@ fn what_is_no_picture_of_the_run_is_left_out_with_the_reason() {
     ];
     let text = written(&run(&paths.map(|path| picture(path, None))), Some(folder.path()));
     assert!(!text.contains("data:image"), "{text}");
-    assert!(text.contains(&format!("{} pictures are not shown", paths.len())), "{text}");
+    assert!(text.contains(&format!("not shown: {} pictures", paths.len())), "{text}");
     assert_eq!(text.matches("is no path within").count(), 3);
 }
 
