@@ -332,6 +332,11 @@ impl Published {
             (Relation::About | Relation::Range, _) => format!("about {}", self.fps),
         }
     }
+
+    /// Frame times in milliseconds, from the shortest to the longest that the figure allows for.
+    pub fn span_ms(&self) -> [f64; 2] {
+        [self.fps_high.unwrap_or(self.fps), self.fps].map(|fps| 1e3 / fps)
+    }
 }
 
 impl Experiment {

@@ -157,6 +157,7 @@ fn drawing(
         y: point.value.scaled(factor),
         tip: describe_point(stored, series, point),
         category: None,
+        published: None,
     });
     let drawn: Vec<points::Point> = drawn.collect();
     let commit = |point: &RunValue| stored.runs[point.run].short_commit();

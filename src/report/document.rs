@@ -38,6 +38,10 @@ impl Tone {
         self.look()[1]
     }
 
+    pub fn class(self) -> &'static str {
+        self.look()[0]
+    }
+
     pub fn chip(self, word: &str) -> Markup {
         let [class, mark] = self.look();
         html! { span.chip.(class) { span aria-hidden="true" { (mark) " " } (word) } }

@@ -7,7 +7,7 @@ use super::chart::{BarChart, Item, Legend, Mark};
 use super::{PlotInput, names, style};
 use crate::format::{interval, three};
 use fathom_experiments::label_text;
-use fathom_experiments::schema::Plot;
+use fathom_experiments::schema::{Plot, Published};
 use fathom_record::Estimate;
 
 const BAR_PX: f64 = 16.0;
@@ -20,6 +20,8 @@ struct MeasureBar {
     value: Estimate,
     /// None of an exact figure.
     n: Option<usize>,
+    /// From the shortest to the longest published frame time.
+    published: Option<[f64; 2]>,
 }
 
 /// None where no cell has a value.
@@ -37,6 +39,7 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
             series: series.insert_full(names::group(plot, &[*cell], input.experiment)).0,
             value: value.estimate().scaled(factor),
             n: value.n(),
+            published: input.published(cell, y).map(Published::span_ms),
         };
         let label = match cell.axes.get(over) {
             Some(value) if value.is_number() => names::value(over, value, input.experiment),
@@ -48,7 +51,9 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
     let color_of = |index| style::color_of(index, series.len());
     let named = series.iter().enumerate().filter(|(_, name)| !name.is_empty());
     let squares = named.map(|(index, name)| (Mark::Square(color_of(index)), name.clone()));
-    let ends = bars().map(|bar| bar.value.ends()[1]);
+    let published = bars().any(|bar| bar.published.is_some());
+    let published = published.then(|| (Mark::Published, "published".to_owned()));
+    let ends = bars().flat_map(|bar| [bar.value.ends()[1], bar.published.map_or(0.0, |p| p[1])]);
     // Rows are pixels from the bottom.
     let rows = bars().count() as f64 * BAR_PX + clusters.len() as f64 * SPACE_PX;
     // A stage's own colour where no series need colours.
@@ -71,7 +76,7 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
         rows_px: rows as u32,
         rows,
         right_px: 96,
-        legend: Legend(squares.collect()),
+        legend: Legend(squares.chain(published).collect()),
         items,
     })
 }
@@ -80,10 +85,14 @@ impl MeasureBar {
     fn items(&self, row: f64, color: RGBColor) -> Vec<Item> {
         let (top, middle) = (row + BAR_PX, row + BAR_PX / 2.0);
         let [low, high] = self.value.ends();
+        let published = self.published.into_iter().flatten();
+        let published = published.map(|at| Item::Line([(at, row), (at, top)], 4));
         let n = self.n.map_or_else(String::new, |n| format!(", n = {n}"));
         let bar = Item::Bar([(0.0, row + 1.0), (self.value.median, top - 1.0)], color);
         let tip = Item::Tip(interval(&self.value) + &n);
-        let words = Item::Words(three(self.value.median) + &n, (high, middle), 6);
-        vec![bar, tip, Item::Line([(low, middle), (high, middle)], 2), words]
+        let mut items = vec![bar, tip, Item::Line([(low, middle), (high, middle)], 2)];
+        items.extend(published);
+        items.push(Item::Words(three(self.value.median) + &n, (high, middle), 6));
+        items
     }
 }

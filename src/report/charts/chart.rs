@@ -145,6 +145,8 @@ pub enum Mark {
     Series(Marker, RGBColor),
     /// The untimed frame.
     Diamond,
+    /// Published times.
+    Published,
 }
 
 /// Marks and words in rows from left to right.
@@ -208,6 +210,10 @@ impl Mark {
                 area.draw(&PathElement::new(closed, color.stroke_width(2)))
             }
             Mark::Diamond => area.draw(&Polygon::new(placed(&DIAMOND), style::INK.filled())),
+            Mark::Published => {
+                let line = placed(&[(0, -8), (0, 8)]);
+                area.draw(&PathElement::new(line, style::INK.stroke_width(4)))
+            }
         }
     }
 }

@@ -9,7 +9,7 @@ use super::{Area, DrawResult, Panel, PlotInput, WIDTH_PX, names, style};
 use crate::axis::{Scale, ScaleKind};
 use crate::facts::exponent;
 use crate::format::interval;
-use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
+use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
 use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
 use fathom_record::Cell;
 
@@ -51,6 +51,11 @@ impl LineCharts {
             share_scales(&mut charts)?;
         }
         (!charts.is_empty()).then_some(LineCharts { charts })
+    }
+
+    /// The only chart.
+    pub fn into_single(self) -> Option<PointChart> {
+        self.charts.into_iter().exactly_one().ok()
     }
 
     /// Charts side by side: as many as the names of their series have room for.
@@ -205,6 +210,7 @@ fn series(
             tip: format!("{}: {}{n}", cell.cell, interval(&value)),
             y: value,
             category: category.and_then(|over| cell.axes.get(over)).map(label_text),
+            published: input.published(cell, y).map(Published::span_ms),
         })
     };
     let points = part.cells.iter().filter_map(point);

@@ -1,6 +1,7 @@
 //! One SVG per experiment, its panels one below the other. No font is needed to write it.
 //!
-//! Each panel begins with its title. Series are named at the ends of their lines, and legends stand in rows above the data.
+//! Each panel begins with its title and the verdicts of the claims that speak of what it shows. Series are named at the ends of
+//! their lines, and legends stand in rows above the data.
 
 mod bars;
 mod chart;
@@ -21,6 +22,7 @@ use plotters::prelude::*;
 use self::{lines::LineCharts, map::MapPanel};
 pub use self::{stacked::shares, strip::strip};
 use super::colors::StageColors;
+use super::document::Tone;
 use super::{Artifact, Exporter, Report, RunExporter, RunFormat, Section, Timing};
 use fathom_base::text;
 use fathom_experiments as experiments;
@@ -37,6 +39,8 @@ pub const EXPORTER: RunExporter = Exporter {
 };
 
 const WIDTH_PX: u32 = 980;
+/// A plot at a glance.
+const SMALL_PX: (u32, u32) = (540, 220);
 /// Title of the picture, and of each panel.
 const TITLE_PX: u32 = 36;
 const HEADING_PX: u32 = 32;
@@ -65,12 +69,15 @@ struct PlotInput<'s> {
     experiment: &'s Experiment,
     cells: Vec<&'s Cell>,
     colors: &'s StageColors,
+    /// Measured on a software driver: published times are not drawn beside its own.
+    software: bool,
 }
 
 impl<'s> PlotInput<'s> {
     fn new(section: &'s Section<'_>) -> Option<PlotInput<'s>> {
         let experiment = section.experiment.as_ref()?;
-        Some(PlotInput { experiment, cells: section.cells(), colors: &section.colors })
+        let (cells, software) = (section.cells(), section.software());
+        Some(PlotInput { experiment, cells, colors: &section.colors, software })
     }
 
     fn select(&self, plot: &Plot) -> PlotInput<'s> {
@@ -79,6 +86,12 @@ impl<'s> PlotInput<'s> {
             on_axis && experiments::fits(cell, &plot.filter)
         };
         PlotInput { cells: self.cells.iter().copied().filter(belongs).collect(), ..*self }
+    }
+
+    /// The published frame time of a cell's size, beside that of frames; none beside a software driver's.
+    fn published(&self, cell: &Cell, y: &Measure) -> Option<&'s Published> {
+        let is_drawn = !self.software && *y == Measure::frame();
+        self.experiment.published_for(cell).filter(|_| is_drawn)
     }
 }
 
@@ -105,7 +118,7 @@ impl Figure {
             input.experiment.plot.iter().map(|plot| (plot, input.select(plot))).collect();
         let (mut panels, mut missing) = (Vec::new(), Vec::new());
         for (plot, input) in &plots {
-            match TitledPanel::new(plot, input) {
+            match TitledPanel::new(plot, input, section) {
                 Ok(panel) => panels.push(panel),
                 Err(reason) => missing.push((plot.title.clone(), reason)),
             }
@@ -113,6 +126,15 @@ impl Figure {
         let svg = (!panels.is_empty()).then(|| picture(section, &names::common(&input), &panels));
         Figure { svg, missing }
     }
+}
+
+/// A scaling plot of an experiment alone, without words around it; none where its series need more room.
+pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
+    let input = PlotInput::new(section)?.select(plot);
+    let chart = LineCharts::new(plot, &input)?.into_single()?;
+    let about = format!("{}: {}", section.id, plot.title);
+    let svg = || drawing(SMALL_PX, &about, |area| chart.draw_with_names(area));
+    (chart.ends_px() <= SMALL_PX.1).then(svg)
 }
 
 pub fn file_name(section: &Section<'_>) -> String {
@@ -141,12 +163,18 @@ fn drawing(size_px: (u32, u32), about: &str, draw: impl FnOnce(&Area<'_>) -> Dra
 }
 
 impl<'s> TitledPanel<'s> {
-    fn new(plot: &'s Plot, input: &'s PlotInput<'s>) -> Result<TitledPanel<'s>, &'static str> {
+    fn new(
+        plot: &'s Plot,
+        input: &'s PlotInput<'s>,
+        section: &Section<'_>,
+    ) -> Result<TitledPanel<'s>, &'static str> {
         if input.cells.len() > MAX_CELLS {
             return Err("it has more than 2,000 cells, which cells.csv lists");
         }
         let body = body(plot, input)?.ok_or("no records hold its data")?;
-        Ok(TitledPanel { title: &plot.title, lines: published(plot, input), body })
+        let mut lines = verdicts(plot, input, section);
+        lines.extend(published(plot, input));
+        Ok(TitledPanel { title: &plot.title, lines, body })
     }
 
     fn head_px(&self) -> u32 {
@@ -184,6 +212,22 @@ fn body<'s>(
     })
 }
 
+/// The rulings on the claims about what a plot shows: the same measure, along an axis that its cells have.
+fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<String> {
+    let frame = [Measure::frame()];
+    let shown = if plot.kind == PlotKind::Stacked { &frame } else { plot.y.as_slice() };
+    let has_axis = |axis: &str| input.cells.iter().any(|cell| cell.axes.contains_key(axis));
+    let claims = input.experiment.claim.iter().zip(section.rulings());
+    let about = claims.filter(|(claim, _)| {
+        shown.contains(claim.test.y()) && claim.test.over().is_none_or(has_axis)
+    });
+    let lines = about.flat_map(|(_, ruling)| {
+        let mark = Tone::from_verdict(ruling.verdict).mark();
+        style::wrap(&format!("{mark} {}: {}", ruling.marked(), ruling.text), LINE_CHARACTERS)
+    });
+    lines.collect()
+}
+
 /// Published figures of the sizes shown, in words: all figures, then the hardware.
 fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
     let of_frames = plot.kind == PlotKind::Stacked || plot.y.contains(&Measure::frame());
@@ -196,7 +240,10 @@ fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
     let figures: IndexSet<String> = published.iter().map(|one| one.figure()).collect();
     let hardware: IndexSet<&str> = published.iter().map(|one| one.hardware.as_str()).collect();
     let (figures, hardware) = (figures.iter().join(", "), hardware.iter().join(", "));
-    let line = format!("Published for cells of this size: {figures} frames/s on {hardware}.");
+    let mut line = format!("Published for cells of this size: {figures} frames/s on {hardware}.");
+    if input.software {
+        line += " Not drawn: a software driver's times are not comparable.";
+    }
     style::wrap(&line, LINE_CHARACTERS)
 }
 
@@ -259,6 +306,9 @@ mod tests {
             ("uw-photons", "log scale", 1),
             ("uw-photons", "All cells: scene tank · viewport", 1),
             ("uw-photons", "software driver", 1),
+            ("uw-photons", "supported", 1),
+            ("vao-skipping", "supported", 1),
+            ("vao-resolution", "supported", 1),
             ("uw-waves", "linear scale", 1),
             // Three measures of three scenes each as small charts, and the whole frame in a plot of its own.
             ("spt-photons", "time (ms), log", 4),
@@ -274,9 +324,21 @@ mod tests {
     }
 
     #[test]
-    fn figures_published_for_the_size_are_told() {
-        let svgs = svgs(&fixtures::profile(Profile::Paper));
-        assert!(svgs["uw-default.svg"].contains("frames/s on GeForce"));
+    fn published_times_are_words_beside_a_software_driver_and_marks_on_hardware() {
+        let mut records = fixtures::profile(Profile::Paper);
+        let software = svgs(&records);
+        let Record::Run(run) = &mut records[0] else { panic!() };
+        run.adapter.software = false;
+        let hardware = svgs(&records);
+        let marks = |svg: &str| svg.matches("stroke-width=\"4\"").count();
+        for name in ["uw-default.svg", "uw-photons.svg"] {
+            let (software, hardware) = (&software[name], &hardware[name]);
+            assert!(software.contains("GeForce") && hardware.contains("GeForce"), "{name}");
+            assert!(software.contains("Not drawn"), "{name}");
+            assert_eq!(marks(software), 0, "{name}");
+            assert!(!hardware.contains("Not drawn"), "{name}");
+        }
+        assert!(marks(&hardware["uw-default.svg"]) > 0);
     }
 
     #[test]
@@ -443,7 +505,7 @@ mod tests {
         let view = Report::new(&records, None);
         let experiment = Experiment::parse("own", MAPPED).unwrap();
         let (cells, colors) = (view.sections[0].cells(), &view.colors);
-        let input = PlotInput { experiment: &experiment, cells, colors };
+        let input = PlotInput { experiment: &experiment, cells, colors, software: true };
         let plot = &experiment.plot[1];
         let chart = bars::chart(plot, &input.select(plot)).unwrap();
         let shape = chart.items.iter().filter_map(|item| match item {

@@ -41,6 +41,8 @@ pub struct Point {
     pub tip: String,
     /// A name that stands above it.
     pub category: Option<String>,
+    /// From the shortest to the longest published frame time.
+    pub published: Option<[f64; 2]>,
 }
 
 /// A dashed vertical line.
@@ -55,6 +57,9 @@ const ROW_PX: i32 = 16;
 const TITLE_PX: i32 = 22;
 /// Most pixels for the names at the ends of lines.
 const MAX_NAMES_PX: u32 = 230;
+/// The mark of published figures.
+const STAR: [[(i32, i32); 2]; 4] =
+    [[(-6, 0), (6, 0)], [(0, -6), (0, 6)], [(-4, -4), (4, 4)], [(-4, 4), (4, -4)]];
 /// From the chart's edge to the marker and the words of a name.
 const NAME_MARK_PX: i32 = 14;
 const NAME_PX: i32 = 26;
@@ -100,6 +105,12 @@ impl PointChart {
             }
         }
         Ok(())
+    }
+
+    /// Height that the names at the ends of its series and the axis below need.
+    pub fn ends_px(&self) -> u32 {
+        let lines = self.series.iter().map(|series| series.lines().len() as i32 * ROW_PX + 4);
+        (lines.sum::<i32>() + 60) as u32
     }
 
     /// One of several charts, with its title and the names of its series above.
@@ -184,11 +195,11 @@ impl Series {
         self.points.iter().map(|point| point.x)
     }
 
-    /// Median and interval of every point.
+    /// Median, interval and published figures of every point.
     pub fn ys(&self) -> impl Iterator<Item = f64> {
         self.points.iter().flat_map(|point| {
             let [low, high] = point.y.ends();
-            [low, point.y.median, high]
+            [low, point.y.median, high].into_iter().chain(point.published.into_iter().flatten())
         })
     }
 }
@@ -244,7 +255,7 @@ impl PlotCanvas<'_, '_> {
             let above = (middle.0, middle.1 - 15);
             area.draw_text(name, &style::centered(style::small()), above)?;
         }
-        Ok(())
+        point.published.map_or(Ok(()), |span| self.published(point.x, span))
     }
 
     fn change(&self, change: &ChangeLine) -> DrawResult {
@@ -268,6 +279,19 @@ impl PlotCanvas<'_, '_> {
             let start = dash as f64 / dashes;
             let end = (dash as f64 + 0.6) / dashes;
             self.line([at(start), at(end)], color.stroke_width(2))?;
+        }
+        Ok(())
+    }
+
+    fn published(&self, x: f64, [low, high]: [f64; 2]) -> DrawResult {
+        let ends = [self.coordinates(x, low), self.coordinates(x, high)];
+        self.line(ends, style::INK.stroke_width(2))?;
+        for at in ends.into_iter().flatten() {
+            for ray in STAR {
+                let shape = EmptyElement::at(at)
+                    + PathElement::new(ray.to_vec(), style::INK.stroke_width(2));
+                self.area.draw(&shape)?;
+            }
         }
         Ok(())
     }

@@ -9,6 +9,8 @@ use crate::colors::StageColors;
 use crate::facts::{self, StageShare};
 use crate::format::{self, NS_PER_MS, three};
 use fathom_base::statistics;
+use fathom_experiments::Measure;
+use fathom_experiments::schema::Published;
 use fathom_record::{Cell, Estimate, Measured};
 
 const BAR_PX: u32 = 34;
@@ -24,6 +26,8 @@ struct Bar {
     /// One per stage of the panel, then the rest and the gaps.
     parts: Vec<f64>,
     frame: Estimate,
+    /// From the shortest to the longest published time.
+    published: Option<[f64; 2]>,
 }
 
 /// Pixels of a bar of 100 % at least: labels take the rest.
@@ -82,7 +86,7 @@ pub fn chart(input: &PlotInput<'_>) -> Option<BarChart> {
     let ends = bars.iter().flat_map(|bar| {
         let [low, high] = bar.frame.ends();
         let timed: f64 = bar.parts.iter().sum();
-        [timed, low, bar.frame.median, high]
+        [timed, low, bar.frame.median, high, bar.published.map_or(0.0, |span| span[1])]
     });
     let of_stages = stages.iter().map(|stage| style::stage_color(input.colors.color(stage)));
     let colors: Vec<RGBColor> = of_stages.chain([style::REST, style::GAPS]).collect();
@@ -108,6 +112,9 @@ fn legend(names: &[&str], bars: &[Bar], colors: &[RGBColor]) -> Legend {
     let mut entries: Vec<(Mark, String)> =
         shown.map(|(_, (name, color))| (Mark::Square(*color), (*name).to_owned())).collect();
     entries.push((Mark::Diamond, "frame without stage timing".to_owned()));
+    if bars.iter().any(|bar| bar.published.is_some()) {
+        entries.push((Mark::Published, "published".to_owned()));
+    }
     Legend(entries)
 }
 
@@ -139,6 +146,7 @@ impl Bar {
             label: names::cell(cell, None, input.experiment),
             parts,
             frame: frame.untimed.scaled(1.0 / NS_PER_MS),
+            published: input.published(cell, &Measure::frame()).map(Published::span_ms),
         }
     }
 
@@ -155,7 +163,12 @@ impl Bar {
         }
         let ends = self.frame.ends();
         items.push(Item::Line(ends.map(|end| (end, middle)), 2));
-        let end = ends[1].max(start);
+        if let Some([low, high]) = self.published {
+            let edges = [row + 0.04, row + 0.96];
+            items.extend([low, high].map(|at| Item::Line(edges.map(|edge| (at, edge)), 4)));
+            items.extend(edges.map(|edge| Item::Line([(low, edge), (high, edge)], 2)));
+        }
+        let end = self.published.map_or(0.0, |span| span[1]).max(ends[1]).max(start);
         let words = format!("{}, n = {}", three(self.frame.median), self.frame.n);
         items.extend([
             Item::Diamond((self.frame.median, middle)),

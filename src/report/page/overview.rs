@@ -6,6 +6,7 @@ use maud::{Markup, PreEscaped, html};
 
 use super::{Fold, Page, PageRun, PageSection};
 use crate::ceilings::{are_measured, bounds};
+use crate::charts;
 use crate::document::{self, Block, Line, Span, Table, Tone};
 use crate::facts::{self, SlowStage};
 use crate::format::{NS_PER_MS, percent, three};
@@ -25,6 +26,7 @@ pub const SECTION: PageSection = PageSection {
 /// Lines of a card that has one for each stage, axis or pipeline.
 const MAX_LINES: usize = 5;
 const MAX_PIPELINES: usize = 10;
+const MAX_PLOTS: usize = 2;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     if page.runs.is_empty() && page.left_out.is_empty() {
@@ -45,7 +47,7 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
         (document::html(&caveats(run.view)))
         div.cards {
             @for card in &cards {
-                @if let Some(content) = content(page, card) {
+                @if let Some(content) = content(page, run.view, card) {
                     article.card { h3 { a href={ "#" (card.section) } { (card.question) } } (content) }
                 }
             }
@@ -57,11 +59,49 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
 }
 
 /// A drawing where there is one of a single run, else words.
-fn content(page: &Page<'_>, card: &Card) -> Option<Markup> {
-    let is_drawn = card.section == "time" && !page.is_overlay();
-    let bars = is_drawn.then(|| super::time::bars(page)).flatten();
-    let bars = bars.map(|bars| html! { div.scroll { (PreEscaped(bars)) } });
-    bars.or_else(|| (!card.parts.is_empty()).then(|| document::html(&card.parts)))
+fn content(page: &Page<'_>, view: &Report<'_>, card: &Card) -> Option<Markup> {
+    let bars = || Some(html! { div.scroll { (PreEscaped(super::time::bars(page)?)) } });
+    let drawing = match card.section {
+        "time" if !page.is_overlay() => bars(),
+        "scaling" if !page.is_overlay() => scaling_plots(view),
+        _ => None,
+    };
+    let words = (!card.parts.is_empty()).then(|| document::html(&card.parts));
+    let marks = (card.section == "claims").then(|| claim_marks(view));
+    drawing.or_else(|| Some(html! { (words?) @if let Some(marks) = marks { (marks) } }))
+}
+
+/// A mark for each claim of the papers, which leads to its experiment.
+fn claim_marks(view: &Report<'_>) -> Markup {
+    let sections = view.sections.iter();
+    let all =
+        sections.flat_map(|section| section.rulings().iter().map(|ruling| (section.id, ruling)));
+    let claims = all.filter(|(_, ruling)| ruling.origin == ClaimOrigin::Publication);
+    html! {
+        p.marks {
+            @for (id, ruling) in claims.sorted_by_key(|(_, ruling)| std::cmp::Reverse(ruling.verdict)) {
+                @let tone = Tone::from_verdict(ruling.verdict);
+                a.(tone.class()) href={ "#plot-" (id) } title={ (ruling.verdict) ": " (ruling.text) " (" (id) ")" } { (tone.mark()) }
+            }
+        }
+    }
+}
+
+/// The plots of the exponents over the widest ranges, those of one group of cells first.
+fn scaling_plots(view: &Report<'_>) -> Option<Markup> {
+    let alone = facts::growth(view).sorted_by_key(|exponent| !exponent.group.is_empty());
+    let grown = alone.unique_by(|exponent| exponent.section.id);
+    let plots =
+        grown.filter_map(|one| Some((one.section, charts::small_plot(one.section, one.plot)?)));
+    let plots = plots.take(MAX_PLOTS).collect_vec();
+    let all = html! {
+        div.plots {
+            @for (section, svg) in &plots {
+                div.scroll { a.source href={ "#plot-" (section.id) } { (section.id) } (PreEscaped(svg)) }
+            }
+        }
+    };
+    (!plots.is_empty()).then_some(all)
 }
 
 fn open(word: &str, words: &str) -> Block {
@@ -104,11 +144,7 @@ pub fn cards(view: &Report<'_>) -> [Card; 5] {
             "Where does the time go?",
             list("The slowest stage of each pipeline:", "No stage was timed.", slowest(view)),
         ),
-        card(
-            "scaling",
-            "How does it scale?",
-            list("Exponents over the widest ranges:", "No time grows along an axis.", growth(view)),
-        ),
+        card("scaling", "How does it scale?", Vec::new()),
         card(
             if are_measured(view) { "ceilings" } else { "trust" },
             "How near to the limits?",
@@ -173,12 +209,6 @@ fn slowest(view: &Report<'_>) -> Vec<String> {
         format!("{}: {} {share}, {ms} ms", frame.cell.pipeline, stage.stage.stage)
     };
     facts::slowest_stages(view).take(MAX_PIPELINES).map(line).collect()
-}
-
-/// `caustics/trace 0.98 (0.95 – 1.01) (uw-photons)`
-fn growth(view: &Report<'_>) -> Vec<String> {
-    let widest = facts::growth(view).unique_by(|one| one.y_title()).take(MAX_LINES);
-    widest.map(|one| format!("{} {} ({})", one.y_title(), one.text(), one.section.id)).collect()
 }
 
 fn limits(view: &Report<'_>) -> Vec<Block> {

@@ -99,7 +99,7 @@ fn the_first_screen_answers_each_question_and_links_to_its_section(browser: &Bro
     let cards = cards.as_array().unwrap();
     assert_eq!(cards.len(), 5);
     let drawings = browser.eval("return document.querySelectorAll('#overview .card svg').length");
-    assert_eq!(drawings, 1, "stages of each pipeline");
+    assert_eq!(drawings, 2, "stages of each pipeline, and the only experiment that scales");
     for card in cards {
         assert!(card[0].as_f64().unwrap() < SCREEN_PX as f64, "below the first screen: {card}");
         assert!(card[1].as_u64().unwrap() > 20, "no answer: {card}");
