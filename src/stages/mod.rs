@@ -159,7 +159,8 @@ mod tests {
         assert!(families.len() >= 14, "{families:?}");
         for family in &families {
             let others = families.iter().filter(|other| *other != family).map(|path| name(path));
-            let paths = others.flat_map(|other| ["crate", "super::super"].map(|of| format!("{of}::{other}::")));
+            let paths = others
+                .flat_map(|other| ["crate", "super::super"].map(|of| format!("{of}::{other}::")));
             // Of a list this test would see no paths.
             let forbidden: Vec<String> = paths.chain(["crate::{".to_owned()]).collect();
             for file in entries(family) {

@@ -81,7 +81,8 @@ fn what_the_machine_cannot_take_is_refused_with_the_numbers() {
         let large = subject(&mut subjects, case);
         let made = large.scene.volume.as_ref().map_or(0, |volume| volume.data.len());
         assert!(made <= 48 * 48 * 48, "{case:?}");
-        let reason = large.limits_exceeded(&capacity).unwrap().unwrap_or_else(|| panic!("{case:?}"));
+        let reason =
+            large.limits_exceeded(&capacity).unwrap().unwrap_or_else(|| panic!("{case:?}"));
         let is_told = reason.starts_with(begins) && reason.contains(holds);
         assert!(is_told && !reason.contains('\n'), "{reason}");
         if holds == TOO_LONG {
