@@ -1,6 +1,7 @@
 //! The built-in scenes, and scene files that cannot be used.
 
 use fathom::scene::{Scene, SceneFile};
+use glam::{DVec3, Vec3};
 
 /// The scene of a built-in file with a change.
 fn changed(name: &str, change: impl FnOnce(&mut SceneFile)) -> Scene {
@@ -29,6 +30,33 @@ fn every_scene_loads_and_is_lit_and_seen() {
         for &(x, y) in rays {
             let (origin, direction) = frame.ray(x, y);
             assert!(origin.y > scene.water.amplitude_m && direction.y < 0.0, "{name}: {origin}");
+        }
+    }
+}
+
+/// Normals agree with winding: on the same side of each triangle, save where a surface is sharply
+/// bent.
+#[test]
+fn normals_and_winding_agree_in_procedural_scenes() {
+    let names = "plane tank port storage bricks crates glass level robot_room room thicket \
+                 dolphin diving_pool teapot tree_shadow";
+    for name in names.split(' ') {
+        let scene = Scene::load(name).unwrap();
+        for object in &scene.objects {
+            let mesh = &object.mesh;
+            let against = (0..mesh.triangle_count())
+                .filter(|&t| {
+                    let [a, b, c] = mesh.triangle(t);
+                    let face = (b - a).cross(c - a);
+                    let sum: DVec3 = mesh.indices[3 * t..3 * t + 3]
+                        .iter()
+                        .map(|i| Vec3::from(mesh.normals[*i as usize]).as_dvec3())
+                        .sum();
+                    face.dot(sum) < 0.0
+                })
+                .count();
+            let share = against as f64 / mesh.triangle_count() as f64;
+            assert!(share < 0.01, "{name}/{}: {share}", object.name);
         }
     }
 }
