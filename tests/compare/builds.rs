@@ -190,7 +190,11 @@ fn what_a_worker_does_wrong_is_told_in_a_line() {
         ),
         ("sample", &refused, "too hot"),
         ("sample", "exit 3", "it ended with exit status: 3"),
-        ("exact", "echo '{\"message\":\"prepared\",\"stages\":[]}'", "an answer of the wrong kind"),
+        (
+            "exact",
+            "echo '{\"message\":\"prepared\",\"stages\":[]}'",
+            "it answered garbage to `exact`",
+        ),
     ] {
         let pattern = format!("\"{message}\"");
         let head = Script { instead: &[(&pattern, answer)], ..Script::default() };
