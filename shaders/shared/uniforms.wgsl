@@ -63,8 +63,3 @@ fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {
 fn view_depth_m(z: f32) -> f32 {
     return frame.z_near_m * frame.z_far_m / (frame.z_far_m - z * (frame.z_far_m - frame.z_near_m));
 }
-
-// Device depth at a distance along the view direction, metres.
-fn device_depth_at(view_m: f32) -> f32 {
-    return frame.z_far_m * (view_m - frame.z_near_m) / (view_m * (frame.z_far_m - frame.z_near_m));
-}

@@ -172,20 +172,6 @@ fn trilinear(cells: [u32; 3], place: DVec3, value: impl Fn([u32; 3]) -> f64) -> 
     (0..8).map(corner).sum()
 }
 
-/// A_P in the middle of a homogeneous ball in empty space: 1 − exp(−σ min(radius, r_max)).
-pub fn in_ball(sigma_per_m: f64, radius_m: f64, r_max_m: f64) -> f64 {
-    1.0 - transmittance(sigma_per_m, radius_m.min(r_max_m))
-}
-
-/// A_P at a depth under the plane face of a homogeneous half-space: half the directions lead inwards, the others leave after
-/// depth / cosine.
-pub fn occlusion_under_face(sigma_per_m: f64, depth_m: f64, r_max_m: f64) -> f64 {
-    let inwards = 1.0 - transmittance(sigma_per_m, r_max_m);
-    let outwards =
-        mean_over_unit(|cosine| 1.0 - transmittance(sigma_per_m, r_max_m.min(depth_m / cosine)));
-    0.5 * (inwards + outwards)
-}
-
 /// A of Eq. 3 where the attenuation coefficient is `sigma_per_m` at the point and falls by `fall_per_m2` for each metre along
 /// the normal, down to 0: ∫₀¹ 2μ (1 − exp(−τ(μ))) dμ with τ the line integral of σ in closed form.
 pub fn occlusion_on_ramp(sigma_per_m: f64, fall_per_m2: f64, r_max_m: f64) -> f64 {

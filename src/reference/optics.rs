@@ -86,14 +86,6 @@ mod tests {
         }
 
         #[test]
-        fn refraction_is_reversible(i in unit(), n in unit(), n2 in 1.0..2.5f64) {
-            prop_assume!(i.dot(n).abs() > 1e-3);
-            let t = refract(i, n, 1.0, n2).unwrap();
-            let back = refract(-t, n, n2, 1.0).expect("the reversed ray leaves again");
-            prop_assert!((back + i).length() < 1e-9);
-        }
-
-        #[test]
         fn beyond_the_critical_angle_nothing_passes(phi in 0.0..std::f64::consts::TAU, sin in 0.0..1.0f64) {
             let i = DVec3::new(sin * phi.cos(), (1.0 - sin * sin).sqrt(), sin * phi.sin());
             let critical = 1.0 / 1.33;
@@ -148,11 +140,5 @@ mod tests {
         let cos_b = 1.0 / (1.0 + n * n).sqrt();
         let r_s = ((1.0 - n * n) / (1.0 + n * n)).powi(2);
         assert!((fresnel_transmittance(cos_b, 1.0, n) - (1.0 - r_s / 2.0)).abs() < 1e-12);
-    }
-
-    #[test]
-    fn positive_k_scatters_forward_and_zero_is_isotropic() {
-        assert!(phase_schlick(1.0, 0.7) > phase_schlick(-1.0, 0.7));
-        assert!((phase_schlick(0.3, 0.0) - 1.0 / (4.0 * PI)).abs() < 1e-16);
     }
 }

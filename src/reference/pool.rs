@@ -182,14 +182,12 @@ pub struct FluxCounts {
     pub uncertain: Vec<f64>,
     /// Flux of all, W.
     pub flux_w: f64,
-    /// Flux of the photons that are not sure, W.
-    pub unsure_w: f64,
 }
 
 impl FluxCounts {
     pub fn new(texels: u32) -> FluxCounts {
         let none = vec![0.0; Face::ALL.len() * (texels as usize).pow(2)];
-        FluxCounts { certain: none.clone(), uncertain: none, flux_w: 0.0, unsure_w: 0.0 }
+        FluxCounts { certain: none.clone(), uncertain: none, flux_w: 0.0 }
     }
 
     /// Adds a photon by its ray. `flux_w` gives its flux after a way in metres. Its start is known up to `rounding_m`.
@@ -216,7 +214,6 @@ impl FluxCounts {
             self.certain[middle] += irradiance(met.face, flux_w);
             return;
         }
-        self.unsure_w += flux_w;
         for (texel, face) in others.into_iter().chain([(middle, met.face)]) {
             self.uncertain[texel] += irradiance(face, flux_w);
         }

@@ -131,17 +131,6 @@ mod tests {
     }
 
     #[test]
-    fn projection_round_trips() {
-        let m = camera().view_projection(1.5);
-        for ndc in
-            [DVec3::new(0.3, -0.7, 0.2), DVec3::new(-1.0, 1.0, 0.0), DVec3::new(0.9, 0.1, 0.999)]
-        {
-            let world = m.inverse().project_point3(ndc);
-            assert!((m.project_point3(world) - ndc).length() < 1e-9);
-        }
-    }
-
-    #[test]
     fn depth_runs_from_zero_at_near_to_one_at_far() {
         let c = camera();
         let m = c.view_projection(1.0);
@@ -150,12 +139,6 @@ mod tests {
         assert!((at(c.z_far_m) - DVec3::Z).length() < 1e-9);
         let above = m.project_point3(c.position() + c.direction() * 3.0 + DVec3::Y);
         assert!(above.y > 0.0, "clip space y points up");
-    }
-
-    #[test]
-    fn middle_is_half_way_between_the_planes() {
-        let c = camera();
-        assert!(((c.middle() - c.position()).length() - 10.05).abs() < 1e-12);
     }
 
     #[test]

@@ -265,12 +265,6 @@ mod tests {
     }
 
     #[test]
-    fn sphere_has_no_slivers_at_its_poles() {
-        let mesh = sphere(1.0, 16);
-        assert_eq!(mesh.triangle_count(), 2 * 32 * 16 - 2 * 32);
-    }
-
-    #[test]
     fn smooth_curves_pass_their_knots() {
         let knots = [(0.0, 0.0), (1.0, 0.5), (0.4, 2.0)];
         let profile = smooth_profile(&knots, 4);

@@ -253,16 +253,6 @@ mod tests {
     }
 
     #[test]
-    fn waves_repeat_after_their_length() {
-        let water = cosine();
-        let shifted = water.height(0.3 + water.wavelength_m, 0.0);
-        assert!((water.height(0.3, 0.0) - shifted).abs() < 1e-12);
-        let noise = Water { noise: 1.0, ..water };
-        let shifted = noise.height(0.3 + noise.noise_tile_m, -noise.noise_tile_m);
-        assert!((noise.height(0.3, 0.0) - shifted).abs() < 1e-9);
-    }
-
-    #[test]
     fn a_wave_given_is_the_cosine_of_the_model() {
         let cosine = Water { time_s: 0.3, ..cosine() };
         let wave = Wave {
@@ -292,15 +282,6 @@ mod tests {
             let fault = judged(water).unwrap_err();
             assert!(fault.contains(expected), "{fault}");
         }
-    }
-
-    #[test]
-    fn texels_are_the_noise_at_their_centres() {
-        let water = Water::default();
-        let texels = water.noise_texels(16);
-        assert_eq!(texels.len(), 256);
-        let (n, d) = tile_noise(3.5 / 16.0, 5.5 / 16.0, water.seed);
-        assert_eq!(texels[5 * 16 + 3], [n as f32, d.x as f32, d.y as f32, 0.0]);
     }
 
     #[test]

@@ -211,13 +211,16 @@ impl Shared {
 /// The texture that `shaders/shared/water.wgsl` reads.
 fn water_texels(resources: &Resources<'_>, water: &Water) -> wgpu::Texture {
     let floats = |texels: &[[f32; 4]]| texels.iter().flatten().copied().collect();
+    let format = wgpu::TextureFormat::Rgba32Float;
     match water.model {
         WaterModel::Waves => {
             let waves = wave_texels(&water.waves);
-            resources.float_texture("waves", [waves.len().max(1) as u32, 1], || floats(&waves))
+            let size = [waves.len().max(1) as u32, 1];
+            resources.fixed_texture("waves", size, format, || floats(&waves))
         }
-        _ => resources
-            .float_texture("noise", [NOISE_SIZE; 2], || floats(&water.noise_texels(NOISE_SIZE))),
+        _ => resources.fixed_texture("noise", [NOISE_SIZE; 2], format, || {
+            floats(&water.noise_texels(NOISE_SIZE))
+        }),
     }
 }
 

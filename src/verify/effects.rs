@@ -107,7 +107,7 @@ impl EffectCase {
         Ok((SceneFile { folder: base.folder, ..file }, rest))
     }
 
-    /// A frame that has run.
+    /// A frame that has run twice.
     fn frame(
         &self,
         rig: &Rig<'_>,
@@ -123,6 +123,8 @@ impl EffectCase {
         }
         let tree = (self.kind.checked)(&tree).map_err(|error| rig.invalid(&error))?;
         let frame = (self.kind.build)(&tree, rig.gpu, scene)?;
+        // Twice: a frame must not add to the one before.
+        rig.run_until(&frame, &self.last)?;
         rig.run_until(&frame, &self.last)?;
         Ok(frame)
     }

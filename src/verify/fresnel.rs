@@ -1,7 +1,7 @@
 //! Fresnel transmission at entry: what `caustics/splat` and `godrays/lines` draw with it and without it.
 
 use super::lines;
-use super::splats::{RULES, draw_free, energy_params, photon_at, pipeline};
+use super::splats::{RULES, draw_free, photon_at};
 use crate::prelude::*;
 use fathom_stages::caustics::splat;
 use fathom_stages::godrays::lines as line;
@@ -26,7 +26,6 @@ pub fn cases() -> Vec<Case> {
         Case::new(line::INFO.name, "Fresnel transmission of lines", |rig| {
             transmitted(rig, 384, lines::draw)
         }),
-        Case::new(splat::INFO.name, "Fresnel transmission at normal incidence", straight),
     ]
 }
 
@@ -84,22 +83,5 @@ fn transmitted(
     let tolerance = if short { 2.0 * rig::SHORT_STEP } else { TOLERANCE };
     Ok(Check::new(rig, "Fresnel transmittance up to 85°: largest relative error")
         .within((tolerance, "1"), error(INDEX))
-        .control("refractive index 1.34", error(OTHER_INDEX)))
-}
-
-/// Flat water lit from straight above loses ((n − 1) / (n + 1))² of the energy.
-fn straight(rig: &Rig<'_>) -> Result<Check> {
-    let mut file = SceneFile::load("plane")?;
-    file.water.amplitude_m = 0.0;
-    let scene = Scene::build(&file)?;
-    let energy = |fresnel: bool| -> Result<f64> {
-        let mut params = energy_params(&file);
-        params.water.fresnel = fresnel;
-        Ok(pipeline(rig, &scene, &params)?.1.sum())
-    };
-    let share = energy(true)? / energy(false)?;
-    let error = |n: f64| relative_error(share, 1.0 - ((n - 1.0) / (n + 1.0)).powi(2));
-    Ok(Check::new(rig, "energy through flat water lit from above, relative error")
-        .within((TOLERANCE, "1"), error(INDEX))
         .control("refractive index 1.34", error(OTHER_INDEX)))
 }

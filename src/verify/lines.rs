@@ -22,7 +22,6 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "intensity and width along isolated lines", isolated),
         Case::new(STAGE, "conserved energy of lines", conserved),
-        Case::new(STAGE, "integral of the phase function", phase_integral),
         Case::new(STAGE, "light scattered in along a line, by the words of its dump", scattered),
     ]
 }
@@ -260,45 +259,4 @@ impl ScreenSegment {
         let [near, far] = [(1.0 - on_screen) / self.w[0], on_screen / self.w[1]];
         far / (near + far)
     }
-}
-
-/// Nodes and weights of Gauss–Legendre quadrature of 12 points over −1…1 (Abramowitz and Stegun, table 25.4).
-const GAUSS: [(f64, f64); 6] = [
-    (0.125_233_408_511_469, 0.249_147_045_813_403),
-    (0.367_831_498_998_180, 0.233_492_536_538_355),
-    (0.587_317_954_286_617, 0.203_167_426_723_066),
-    (0.769_902_674_194_305, 0.160_078_328_543_346),
-    (0.904_117_256_370_475, 0.106_939_325_995_318),
-    (0.981_560_634_246_719, 0.047_175_336_386_512),
-];
-
-/// Clear water: the pixel in the middle of a line shows p(α) alone. Twelve lines whose scattering
-/// angles are the nodes of a quadrature sum up to the integral over the sphere.
-fn phase_integral(rig: &Rig<'_>) -> Result<Check> {
-    let view = rig::synthetic_view(SIZE, 0.0)?;
-    let (eye, rays) = (view.camera.position(), rig::rays(&view));
-    let nodes: Vec<(f64, f64)> =
-        GAUSS.iter().flat_map(|(node, weight)| [(*node, *weight), (-node, *weight)]).collect();
-    let middles: Vec<(u32, u32)> =
-        (0..CELLS * CELLS).map(|i| (i % CELLS * 96 + 48, i / CELLS * 96 + 48)).collect();
-    let photon = |(&(x, y), (cosine, _)): (&(u32, u32), &(f64, f64))| {
-        let (_, seen, _) = rays.ray(x, y);
-        let middle = eye + seen * 3.0;
-        let across = seen.cross(DVec3::Y).normalize();
-        let direction = -seen * *cosine + across * (1.0 - cosine * cosine).sqrt();
-        rig::photon(middle - direction * 0.3, middle + direction * 0.3, 0.6)
-    };
-    let photons: Vec<Photon> = middles.iter().zip(&nodes).map(photon).collect();
-    let image = draw(rig, &view, &photons)?;
-    let integral = |weight: fn(f64, f64) -> f64| -> f64 {
-        let terms = middles.iter().zip(&nodes);
-        terms.map(|(at, (cosine, w))| image.get(*at) / PHOTON_W * TAU * weight(*cosine, *w)).sum()
-    };
-    let sphere = integral(|_, weight| weight);
-    // Leaving out the sine that turns angles into solid angle.
-    let flat = integral(|cosine, weight| weight / (1.0 - cosine * cosine).sqrt());
-    Ok(Check::new(rig, "|integral of the phase function over the sphere − 1|")
-        .within((1e-3, "1"), (sphere - 1.0).abs())
-        .control("weights without the sine", (flat - 1.0).abs())
-        .with("integral", sphere))
 }

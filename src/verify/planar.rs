@@ -1,17 +1,11 @@
-//! Stages of caustics on planar receivers: the illumination map against photons counted in f64 and against closed forms of the light's flux,
-//! and the picture against a bilinear look-up in f64.
+//! The picture of caustics on planar receivers against a bilinear look-up in f64. Rows of `effects.toml` judge the map itself.
 
 use crate::prelude::*;
-use fathom_reference::pool::{Basin, Face, face_by_face};
+use fathom_reference::pool::{Basin, Face};
 use fathom_stages::planar::compose::{self, PlanarView};
-use fathom_stages::planar::points;
 use fathom_stages::pool::Pool;
 
 const SIZE: [u32; 2] = [160, 120];
-/// So fine that little depends on the photons at the border of the water, of which whole rows lie inside or outside.
-const FINE_GRID: [u32; 2] = [503, 443];
-/// The same where texels are 16-bit sums: they lose more with every photon, and some ten of a texel are enough.
-const SHORT_FINE_GRID: [u32; 2] = [251, 223];
 const TEXELS: u32 = 37;
 const FLOOR_DEPTH_M: f64 = 2.0;
 /// Waves are steep, so that many photons meet walls.
@@ -19,26 +13,20 @@ const AMPLITUDE_M: f64 = 0.12;
 const GAMMA_PER_M: f64 = 0.13;
 
 pub fn cases() -> Vec<Case> {
-    let kinds = [LightKind::Directional, LightKind::Point];
-    let what = |kind| format!("flux of a light, {kind:?}");
-    let mut cases: Vec<Case> = Case::each(points::INFO.name, kinds, what, flux).collect();
-    cases.push(Case::new(compose::INFO.name, "look-up in the map", looked_up));
-    cases.push(Case::new(compose::INFO.name, "map of the floor", shown_map));
-    cases
-}
-
-fn sunny() -> Result<Scene> {
-    pool([0.0; 2], [4.0; 2], AMPLITUDE_M)
+    vec![
+        Case::new(compose::INFO.name, "look-up in the map", looked_up),
+        Case::new(compose::INFO.name, "map of the floor", shown_map),
+    ]
 }
 
 /// A pool of a floor and four walls up to the highest wave.
-fn pool(center_m: [f64; 2], half_size_m: [f64; 2], amplitude_m: f64) -> Result<Scene> {
+fn pool(center_m: [f64; 2], half_size_m: [f64; 2]) -> Result<Scene> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.floor_depth_m = FLOOR_DEPTH_M;
     scene.light.direction = [0.28, -1.0, -0.2];
     scene.light.half_extent_m = 0.0;
     scene.water = Water {
-        amplitude_m,
+        amplitude_m: AMPLITUDE_M,
         noise_tile_m: 4.0,
         attenuation_per_m: GAMMA_PER_M,
         center_m,
@@ -67,63 +55,6 @@ fn wall(basin: &Basin, face: Face) -> Object {
 
 fn pool_from(basin: &Basin) -> Pool {
     Pool { floor_depth_m: basin.floor_depth_m as f32, top_m: basin.top_m as f32, texels: TEXELS }
-}
-
-/// All that the light sends through flat water arrives, where nothing is lost on the way: irradiance × area across the rays, or intensity ×
-/// solid angle.
-fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
-    let mut scene = pool([0.4, -0.3], [3.0, 2.0], 0.0)?;
-    scene.water.attenuation_per_m = 0.0;
-    scene.light.kind = kind;
-    scene.light.direction = [0.5, -1.0, 0.3];
-    scene.light.position_m = [1.0, 4.0, -0.5];
-    // What sees nothing gets all of the light.
-    scene.camera = Camera::new([0.4, -50.0, 0.0], [0.4, -60.0, 1.0], 60.0, [0.5, 30.0]);
-    // Rows of photons at the border of the water, of some five hundred, or of a fourth of that, and 16-bit sums of some forty.
-    let (grid, tolerance) =
-        if rig.sums_are_short() { (SHORT_FINE_GRID, 0.04) } else { (FINE_GRID, 5e-3) };
-    let fixture = rig.fixture(scene, SIZE)?;
-    let Fixture { shared, geometry, view, scene, .. } = &fixture;
-    let depth = shadow::depth::new(rig, shared, geometry, 512)?;
-    let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
-    let transfers = map::new(rig, shared, mask.texture(), &rig::light_grid(grid))?;
-    let basin = Basin::from_water(&scene.water, scene.floor_depth_m);
-    let photon_w = view.weighted_flux_w() / f64::from(transfers.transfers.count);
-    let points = points::new(rig, shared, &transfers.transfers, &pool_from(&basin), photon_w)?;
-    rig.run(&[&depth, &mask, &transfers, &points])?;
-    // Twice, as the second frame finds what the first has left.
-    let atlas = rig.draw(&[&points], points.texture(), 0)?;
-    let map = face_by_face(atlas.data(), TEXELS);
-    let face = |texel: usize| Face::ALL[texel / (TEXELS * TEXELS) as usize];
-    let texel_w =
-        |(texel, irradiance): (usize, &f64)| irradiance * basin.texel_area_m2(face(texel), TEXELS);
-    let flux_w: f64 = map.iter().enumerate().map(texel_w).sum();
-    let light = &view.light;
-    let exact_w = |height_m: f64| match kind {
-        LightKind::Directional => {
-            let area_m2 = basin.rectangle(Face::Floor).area_m2();
-            light.intensity_w_sr * area_m2 * -view.light_frame().forward.y * height_m
-        }
-        LightKind::Point => {
-            let lamp = DVec3::from(light.position_m) * DVec3::new(1.0, height_m, 1.0);
-            light.intensity_w_sr * solid_angle(&basin, lamp)
-        }
-    };
-    let off = |height_m: f64| relative_error(flux_w, exact_w(height_m));
-    let what = "sum over the map against the flux through the water: relative error";
-    Ok(Check::new(rig, format!("{kind:?} light: {what}"))
-        .within((tolerance, "1"), off(1.0))
-        .control("a sun 10 % brighter, a lamp 10 % higher", off(1.1)))
-}
-
-/// Solid angle of the water at rest from above, steradians: the sum over the corners of a rectangle.
-fn solid_angle(basin: &Basin, from: DVec3) -> f64 {
-    let corner = |x: f64, z: f64| (x * z).atan2(from.y * (x * x + z * z + from.y * from.y).sqrt());
-    let [x, z] = [(0, from.x), (1, from.z)].map(|(axis, at)| {
-        let (center, half) = (basin.center_m[axis], basin.half_size_m[axis]);
-        [center - half - at, center + half - at]
-    });
-    corner(x[1], z[1]) - corner(x[0], z[1]) - corner(x[1], z[0]) + corner(x[0], z[0])
 }
 
 /// An atlas of noise, and what it holds at a place of a face, bilinear and clamped at the border.
@@ -183,7 +114,7 @@ fn looked_up(rig: &Rig<'_>) -> Checks {
 
 /// A pool with a slab in it, on which no photon is counted, seen from one side.
 fn seen_from(side: f64) -> Result<Scene> {
-    let mut scene = pool([0.6, -0.4], [3.0, 2.0], AMPLITUDE_M)?;
+    let mut scene = pool([0.6, -0.4], [3.0, 2.0])?;
     let middle = DVec3::new(0.6, 0.0, -0.4);
     let at =
         |x: f64, y: f64, z: f64| (middle + side * DVec3::new(x, 0.0, z) + DVec3::Y * y).to_array();
@@ -288,7 +219,7 @@ fn near_other(fixture: &Fixture, (x, y): (u32, u32), object: Option<usize>) -> b
 /// The picture of the floor's map, pixel by pixel.
 fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     const EXPOSURE: f64 = 0.4;
-    let fixture = rig.fixture(sunny()?, SIZE)?;
+    let fixture = rig.fixture(pool([0.0; 2], [4.0; 2])?, SIZE)?;
     let noise = NoiseAtlas::new();
     let pool = pool_from(&Basin::from_water(&fixture.scene.water, FLOOR_DEPTH_M));
     let (gbuffer, lit) = (rig.gbuffer(&fixture)?, (&rig.grey(&noise.0), &pool));

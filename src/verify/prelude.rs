@@ -9,7 +9,6 @@ pub use fathom_gpu::{GpuError, Stage, StageInfo, TimedStage, read_volume};
 pub use fathom_pipelines::BuiltPipeline;
 pub use fathom_reference::image::{Image, pixels};
 pub use fathom_reference::optics::*;
-pub use fathom_reference::photons::{Landed, Landing, PhotonGrid, land_all};
 pub use fathom_reference::rays::{Hit, PixelRays, Projected, Tracer};
 pub use fathom_reference::surface::enter;
 pub use fathom_scene::{

@@ -197,7 +197,7 @@ impl<'g> Rig<'g> {
     /// A texture with one 32-bit float per texel, from an image.
     pub fn grey(&self, image: &Image) -> wgpu::Texture {
         let texels = || image.data().iter().map(|v| *v as f32).collect();
-        self.grey_texture("verify input", image.size(), texels)
+        self.fixed_texture("verify input", image.size(), wgpu::TextureFormat::R32Float, texels)
     }
 
     /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.

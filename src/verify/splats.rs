@@ -26,10 +26,7 @@ const EXTREMES_PX: [f64; 2] = [0.4, 400.0];
 const CELLS: u32 = 8;
 
 pub fn cases() -> Vec<Case> {
-    let mut cases = vec![
-        Case::new(STAGE, "flux of a point light", point_flux),
-        Case::new(STAGE, "compute against the rasterizer", alike),
-    ];
+    let mut cases = vec![Case::new(STAGE, "flux of a point light", point_flux)];
     for splatting in [Splatting::Compute, Splatting::Raster] {
         let rules = Rules { splatting, ..RULES };
         cases.extend([
@@ -42,8 +39,6 @@ pub fn cases() -> Vec<Case> {
             by(rules, "splats of more pixels than a loop has turns", large),
         ]);
     }
-    let what = |name| format!("conserved energy of scene {name}");
-    cases.extend(Case::each(STAGE, ["plane", "tank"], what, scene_energy));
     cases
 }
 
@@ -428,28 +423,6 @@ fn extremes(
         .control("s_max 500 px", error(&wide)?))
 }
 
-/// Scene `tank` with 36,864 photons: the compute shader's sums against the rasterizer's, pixel by pixel.
-fn alike(rig: &Rig<'_>) -> Result<Check> {
-    let file = SceneFile::load("tank")?;
-    let scene = Scene::build(&file)?;
-    let drawn = |splatting: Splatting, bias: f64| -> Result<Image> {
-        let mut params = Params::from(&file);
-        (params.view.width, params.view.height) = (400, 400);
-        params.caustics.grid = 96;
-        params.caustics.buffer = SIZE;
-        params.caustics.splatting = splatting;
-        params.caustics.depth_bias_m *= bias;
-        Ok(pipeline(rig, &scene, &params)?.1)
-    };
-    let raster = drawn(Splatting::Raster, 1.0)?;
-    let scattered = drawn(Splatting::Compute, 1.0)?;
-    let by_raster = Rules { splatting: Splatting::Raster, ..RULES };
-    Ok(Check::new(rig, "scene tank, compute against the rasterizer: Σ |difference| / Σ")
-        .within((by_raster.coverage(rig), "1"), difference(&scattered, &raster))
-        .control("twice the depth bias", difference(&drawn(Splatting::Compute, 2.0)?, &raster))
-        .with("relative_difference_of_sums", scattered.sum() / raster.sum() - 1.0))
-}
-
 /// What a 16-bit float target holds after adding `each` `count` times, rounding to 11 bits.
 fn half_float_sum(each: f64, count: usize) -> f64 {
     let round = |v: f64| {
@@ -457,43 +430,6 @@ fn half_float_sum(each: f64, count: usize) -> f64 {
         (v / step).round_ties_even() * step
     };
     (0..count).fold(0.0, |sum, _| round(sum + each))
-}
-
-/// Exact photons of a whole scene through G-buffer and splats, against the twin over exact depth. The
-/// same with the photons of the pipeline's own estimator is a figure: it holds the method's error too.
-fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Check> {
-    let file = SceneFile::load(name)?;
-    let params = energy_params(&file);
-    let fixture = rig.fixture(Scene::build(&file)?, [params.view.width, params.view.height])?;
-    let (pipeline, estimated) = pipeline(rig, &fixture.scene, &params)?;
-
-    let frame = pipeline.view.light_frame();
-    let grid = PhotonGrid::new(params.caustics.grid, params.caustics.grid_settings().side());
-    let (photons, twins) =
-        stored(&land_all(&frame, &fixture.scene.water, &fixture.tracer, grid, 1));
-    let rules = Rules {
-        intensity: Intensity::Conserving,
-        photon_w: frame.emitted_w / grid.count() as f64,
-        bias_m: params.caustics.depth_bias_m,
-        gamma_per_m: fixture.scene.water.attenuation_per_m,
-        ..RULES
-    };
-    // Over the depth of the scene as `scene/gbuffer` draws it, and over that of an exact rasterizer.
-    let drawn = rig.gbuffer(&fixture)?;
-    let sum = draw(rig, &pipeline.view, &photons, &drawn.depth, &rules)?.sum();
-    let depth = Image::from_fn(fixture.view.size_px.into(), |x, y| {
-        fixture.rays.cast(&fixture.tracer, x, y).map_or(1.0, |(_, depth)| depth)
-    });
-    let expected = |rules: Rules| -> Result<f64> {
-        Ok(rules.twin(&fixture.scene.camera, &twins, &depth)?.sum())
-    };
-    let energy = expected(rules)?;
-    Ok(Check::new(rig, format!("scene {name}: conserved energy of exact photons, relative error"))
-        .within((0.01, "1"), relative_error(sum, energy))
-        .control(MURKIER, relative_error(sum, expected(rules.murkier())?))
-        .with("emitted_w", frame.emitted_w)
-        .with("seen_w", sum)
-        .with("error_with_estimated_photons", estimated.sum() / energy - 1.0))
 }
 
 /// A point light over a level floor, through water that neither refracts nor absorbs: the flux that a camera straight above
@@ -511,9 +447,13 @@ fn point_flux(rig: &Rig<'_>) -> Result<Check> {
     file.camera.target_m = [0.0, 0.0, 0.0];
     file.camera.up = [0.0, 0.0, -1.0];
     (file.camera.z_near_m, file.camera.z_far_m) = (0.5, 15.0);
-    let mut params = energy_params(&file);
-    params.caustics.grid = 128;
-    let seen_w = pipeline(rig, &Scene::build(&file)?, &params)?.1.sum();
+    let mut params = Params::from(&file);
+    (params.view.width, params.view.height) = (400, 400);
+    (params.caustics.grid, params.caustics.buffer) = (128, SIZE);
+    params.caustics.intensity = Rule::Conserving;
+    let pipeline = BuiltPipeline::<Underwater>::new(rig.gpu, &Scene::build(&file)?, &params)?;
+    rig.run_until(&pipeline, STAGE)?;
+    let seen_w = rig.channel(&pipeline.caustics.drawn.texture, 0)?.sum();
 
     let half_m = (CAMERA_M + file.floor_depth_m) * (file.camera.fov_y_deg.to_radians() / 2.0).tan();
     // Ω = 4 asin(h² / (h² + d²)) of a square of half side h at a distance d from its middle.
@@ -524,37 +464,4 @@ fn point_flux(rig: &Rig<'_>) -> Result<Check> {
     Ok(Check::new(rig, "flux of a point light through the view, relative error")
         .within((0.01, "1"), relative_error(seen_w, flux_w(LIGHT_M)))
         .control("light 0.5 m higher", relative_error(seen_w, flux_w(LIGHT_M + 0.5))))
-}
-
-/// Exact photons that have landed, as the GPU stores them.
-fn stored(landings: &[Landing]) -> (Vec<Photon>, Vec<HitPath>) {
-    let landed = landings.iter().filter_map(Landing::landed);
-    let photons = landed.map(|landed| {
-        let Landed { entry, hit, .. } = landed;
-        let photon = rig::photon(entry.position, hit.position, hit.distance_m);
-        (photon, (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)))
-    });
-    photons.unzip()
-}
-
-pub fn energy_params(file: &SceneFile) -> Params {
-    let mut params = Params::from(file);
-    (params.view.width, params.view.height) = (400, 400);
-    params.caustics.grid = 64;
-    params.caustics.subdivision = 4;
-    params.caustics.buffer = SIZE;
-    params.caustics.intensity = Rule::Conserving;
-    params
-}
-
-/// A pipeline that has run up to its splats, and what they add up to.
-pub fn pipeline(
-    rig: &Rig<'_>,
-    scene: &Scene,
-    params: &Params,
-) -> Result<(BuiltPipeline<Underwater>, Image)> {
-    let pipeline = BuiltPipeline::<Underwater>::new(rig.gpu, scene, params)?;
-    rig.run_until(&pipeline, STAGE)?;
-    let image = rig.channel(&pipeline.caustics.drawn.texture, 0)?;
-    Ok((pipeline, image))
 }

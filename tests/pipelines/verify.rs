@@ -1,16 +1,11 @@
 //! Every stage agrees with its f64 reference, and every control disagrees.
 
-use std::collections::BTreeMap;
-use std::rc::Rc;
-
 use fathom::Catalog;
 use fathom::gpu::{Gpu, Options};
 use fathom::harness::verify::{CheckTable, FinishedCase, Verified, verify};
+use fathom::pipelines::PipelineInstance;
 use fathom::pipelines::scalar_ao::ScalarAo;
-use fathom::pipelines::underwater::{Params, Underwater};
-use fathom::pipelines::{Judge, PipelineInstance, ReferenceCache};
 use fathom::record::{Feature, Mask};
-use fathom::scene::{Scene, SceneFile};
 use fathom::verify::rig::Rig;
 use fathom::verify::{Case, Check, Control};
 use glam::DVec3;
@@ -93,34 +88,6 @@ fn checks_are_sound_with_the_default_limits() {
         let cases = Catalog::builtin().cases();
         assert_eq!(sound(&gpu, &cases, Some(part)).skipped.len(), 0, "{part}");
     }
-}
-
-#[test]
-fn photons_of_a_built_pipeline_have_their_errors() {
-    let gpu = gpu();
-    let file = SceneFile::load("plane").unwrap();
-    let scene = Rc::new(Scene::build(&file).unwrap());
-    let mut params = Params::from(&file);
-    (params.view.width, params.view.height) = (200, 160);
-    params.caustics.grid = 120;
-    params.caustics.offset = [0.3, 0.8];
-    params.godrays.grid = 20;
-    let mut references = ReferenceCache::default();
-    let mut figures = |pipeline: &Underwater| -> BTreeMap<String, f64> {
-        let references = &mut references;
-        let mut judge = Judge { gpu: &gpu, scene: &scene, references, requested: &[] };
-        let judged = pipeline.judge(&mut judge).unwrap();
-        judged.errors.into_iter().map(|error| (error.name.to_string(), error.value)).collect()
-    };
-    let mut pipeline = built::<Underwater>(&gpu, &scene, &params);
-    let sound = figures(&pipeline);
-    for name in ["caustics", "godrays"] {
-        assert!(sound[&format!("{name}_photon_error_median_m")] < 1e-4, "{sound:?}");
-        assert!(sound[&format!("{name}_photon_miss_rate")] < 0.1, "{sound:?}");
-    }
-    pipeline.pipeline.params.caustics.offset = [0.5, 0.5];
-    let moved = figures(&pipeline);
-    assert!(moved["caustics_photon_error_median_m"] > 1e-3, "the reference follows the offset");
 }
 
 /// Every mode of `scalar_ao` on a small cloud: its figures lie within what the algorithm allows.

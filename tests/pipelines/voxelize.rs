@@ -1,5 +1,5 @@
 //! The pipeline `voxelize`: grids of all shapes, geometry outside them, volumes by the object, and
-//! geometry in motion.
+//! triangles that stretch.
 
 use fathom::gpu::{Gpu, read_buffer};
 use fathom::pipelines::settings::{Deform, VoxelMethod};
@@ -75,12 +75,6 @@ impl VoxelFixture {
     }
 }
 
-fn by_hand(params: &mut Params, cells: [u32; 3], origin_m: [f64; 3], voxel_m: f64) {
-    params.voxel.cells = cells;
-    params.voxel.origin_m = origin_m;
-    params.voxel.voxel_m = voxel_m;
-}
-
 #[test]
 fn grids_of_all_shapes_and_places() {
     let fixture = VoxelFixture::new();
@@ -89,7 +83,8 @@ fn grids_of_all_shapes_and_places() {
             let pipeline = fixture.frames(|params| {
                 params.voxel.method = method;
                 params.pyramid = true;
-                by_hand(params, cells, origin_m, voxel_m);
+                params.voxel.cells = cells;
+                (params.voxel.origin_m, params.voxel.voxel_m) = (origin_m, voxel_m);
             });
             fixture.occupied(&pipeline)
         };
@@ -106,17 +101,6 @@ fn grids_of_all_shapes_and_places() {
 }
 
 #[test]
-fn methods_agree_but_for_what_they_miss() {
-    let fixture = VoxelFixture::new();
-    let count = |method| fixture.occupied(&fixture.frames(|params| params.voxel.method = method));
-    let [slicemap, slice, overlap, alpha] = METHODS.map(count);
-    assert!((slicemap - slice).abs() <= 0.01 * slice, "{slicemap} {slice}");
-    assert_eq!(overlap, alpha);
-    assert!(slicemap < overlap, "{slicemap} {overlap}");
-    assert!(slicemap > 0.5 * overlap);
-}
-
-#[test]
 fn each_object_fills_its_own_volume() {
     let fixture = VoxelFixture::new();
     for method in METHODS {
@@ -129,28 +113,6 @@ fn each_object_fills_its_own_volume() {
         alone.scene.objects.drain(..2);
         let pipeline = alone.frames(|params| params.voxel.method = method);
         assert_eq!(fixture.bits(&apart, 2), alone.bits(&pipeline, 0), "{method:?}");
-    }
-}
-
-#[test]
-fn motion_moves_voxels_and_comes_back() {
-    let fixture = VoxelFixture::new();
-    let bits = |deform: Deform, time_s: f64| {
-        let pipeline = fixture.frames(|params| {
-            params.animation.deform = deform;
-            params.animation.time_s = time_s;
-            params.animation.rate_hz = 0.5;
-            by_hand(params, [40, 24, 32], [-2.5, -1.5, -2.0], 0.13);
-        });
-        fixture.bits(&pipeline, 0)
-    };
-    let rest = bits(Deform::None, 0.0);
-    assert!(rest.iter().any(|byte| *byte > 0));
-    assert_eq!(bits(Deform::Twist, 0.0), rest);
-    for deform in [Deform::Spin, Deform::Twist, Deform::Wave] {
-        let moved = bits(deform, 0.3);
-        assert_ne!(moved, rest, "{deform:?}");
-        assert_eq!(bits(deform, 2.3), moved, "{deform:?}: a cycle later");
     }
 }
 

@@ -55,16 +55,6 @@ fn a_buffer_that_holds_the_reference_has_no_error_and_a_darker_one_its_bias() {
 }
 
 #[test]
-fn points_near_the_corner_are_occluded_and_open_ones_are_not() {
-    let points = points(&question(1), 10_000);
-    let most = points.iter().map(|point| point.occlusion).fold(0.0, f64::max);
-    let least = points.iter().map(|point| point.occlusion).fold(1.0, f64::min);
-    // At the very corner half of the hemisphere is blocked at no distance.
-    assert!((0.25..0.5).contains(&most), "{most}");
-    assert!(least < 1e-9, "{least}");
-}
-
-#[test]
 fn errors_are_painted_red_where_too_dark() {
     assert_eq!(color(0.0), [255, 255, 255]);
     assert_eq!(color(0.3), [255, 0, 0]);

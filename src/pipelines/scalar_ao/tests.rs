@@ -3,30 +3,10 @@ use serde_json::json;
 
 use super::{Law, Mode, Params, Scalar};
 use crate as pipelines;
-use fathom_base::parameter::{self, Setting};
+use fathom_base::parameter;
 use fathom_scene::{Scene, SceneFile, Volume};
 
 const VOXEL_M: f64 = 0.1;
-
-fn params() -> Params {
-    Params::from(&SceneFile::load("plane").unwrap())
-}
-
-#[test]
-fn strata_of_a_ray_read_the_level_of_their_length() {
-    let scalar = params().scalar;
-    let march = scalar.uniforms([32, 24], VOXEL_M, 0.8);
-    assert_eq!((march.stratum_m, march.level), (0.1, 0.0));
-    assert_eq!(scalar.uniforms([32, 24], VOXEL_M, 3.2).level, 2.0);
-}
-
-#[test]
-fn what_is_no_number_is_refused() {
-    let mut params = params();
-    params.scalar.iso = f64::NAN;
-    let error = params.check(parameter::FieldMeta::default()).unwrap_err().to_string();
-    assert!(error.contains("scalar.iso"));
-}
 
 #[test]
 fn steps_without_end_are_refused() {

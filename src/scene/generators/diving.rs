@@ -113,20 +113,3 @@ impl Platform {
 fn rail(path: &[DVec3], radius: f64) -> Mesh {
     tube(path, &vec![radius; path.len()], 8, false)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::made;
-
-    #[test]
-    fn it_stands_on_the_ground_and_only_its_board_is_over_the_water() {
-        let mesh = made("diving_platform", &[("height_m", 5.0)]);
-        let bounds = mesh.bounds();
-        assert!(bounds.min.y.abs() < 0.1, "{bounds:?}");
-        assert!((bounds.max.y - 6.0).abs() < 0.1, "{bounds:?}");
-        assert!((bounds.max.x - 1.8).abs() < 1e-6, "{bounds:?}");
-        let over = mesh.positions.iter().filter(|p| p[0] > 0.2);
-        assert!(over.clone().count() > 0);
-        assert!(over.into_iter().all(|p| (4.99..5.1).contains(&p[1])));
-    }
-}

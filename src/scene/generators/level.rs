@@ -111,18 +111,3 @@ fn pillars((start, end): (usize, usize), base: f64, place: impl Fn(f64) -> (f64,
         pillar.into_iter().chain(ground)
     }))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_plan_is_a_rectangle_of_known_letters() {
-        for line in PLAN {
-            assert_eq!(line.len(), PLAN[0].len(), "{line}");
-            for kind in line.chars() {
-                assert!(".p".contains(kind) || !blocks(kind).is_empty(), "{kind}");
-            }
-        }
-    }
-}

@@ -181,15 +181,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_generation_doubles_the_branches() {
-        for generations in [0, 1, 5, 8] {
-            let branches = grown(1, generations);
-            assert_eq!(branches.len(), 1 << generations);
-            assert_eq!(branches[0].points.len(), generations + 3);
-        }
-    }
-
-    #[test]
     fn branches_start_on_their_bearers_and_grow_thinner() {
         let branches = grown(1, 8);
         assert_eq!(branches[0].twigs[0], branches.len() as f64);
@@ -213,13 +204,5 @@ mod tests {
             (0.5..1.5).contains(&(x / HEIGHT)) && (0.5..1.5).contains(&(z / HEIGHT)),
             "{bounds:?}"
         );
-    }
-
-    #[test]
-    fn no_branch_reaches_the_floor() {
-        for seed in 1..=8 {
-            let low = tree(seed, 9).bounds().min.y;
-            assert!(low.abs() < 1e-6, "seed {seed}: {low}");
-        }
     }
 }

@@ -88,30 +88,7 @@ pub(super) fn check(shader: &Shader, binding: &Binding, host: &Resource) -> Resu
 
 #[cfg(test)]
 mod tests {
-    use glam::{Vec2, Vec3};
-
     use super::*;
-
-    shader_struct! {
-        struct Sound {
-            pub size_px: Vec2,
-            pub taps: u32,
-            pub color: Vec3,
-        }
-    }
-
-    #[test]
-    fn a_layout_has_names_types_offsets_and_size() {
-        let layout = Sound::layout();
-        let members = [("size_px", "vec2<f32>", 0), ("taps", "u32", 8), ("color", "vec3<f32>", 16)];
-        for (member, (name, wgsl, offset)) in layout.members.iter().zip(members) {
-            assert_eq!(
-                (member.name.as_str(), member.wgsl.as_str(), member.offset),
-                (name, wgsl, offset)
-            );
-        }
-        assert_eq!(layout.span, 32);
-    }
 
     #[test]
     fn differences_name_the_first_field_that_differs() {

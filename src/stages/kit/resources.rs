@@ -188,10 +188,7 @@ impl<'g> Resources<'g> {
         size: [u32; 2],
         format: wgpu::TextureFormat,
     ) -> wgpu::Texture {
-        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
-            | wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::COPY_SRC;
-        self.texture(label, (wgpu::TextureDimension::D2, flat(size)), format, usage, 1)
+        self.layers(label, size, format, 1)
     }
 
     /// A texture of several layers that passes draw into one by one, shaders read, and the host can read back.
@@ -217,27 +214,8 @@ impl<'g> Resources<'g> {
         self.texture(label, (wgpu::TextureDimension::D2, flat(size)), format, usage, 1)
     }
 
-    /// A texture of four 32-bit floats per texel with fixed content.
-    pub fn float_texture(
-        &self,
-        label: &str,
-        size: [u32; 2],
-        texels: impl FnOnce() -> Vec<f32>,
-    ) -> wgpu::Texture {
-        self.fixed_texture(label, size, wgpu::TextureFormat::Rgba32Float, texels)
-    }
-
-    /// A texture of one 32-bit float per texel with fixed content.
-    pub fn grey_texture(
-        &self,
-        label: &str,
-        size: [u32; 2],
-        texels: impl FnOnce() -> Vec<f32>,
-    ) -> wgpu::Texture {
-        self.fixed_texture(label, size, wgpu::TextureFormat::R32Float, texels)
-    }
-
-    fn fixed_texture(
+    /// A texture of 32-bit floats with fixed content.
+    pub fn fixed_texture(
         &self,
         label: &str,
         size: [u32; 2],

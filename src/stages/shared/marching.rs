@@ -245,8 +245,8 @@ impl Marching {
         }
         let of_volume = |voxels: &Voxels| {
             let of_ray = self.ray_iterations(&voxels.grid);
-            let slices = slices(self.rays, of_ray, 0);
-            resources.iterations("samples of a ray", loop_bound(&slices, of_ray, 0));
+            let slices = slices(self.rays, of_ray);
+            resources.iterations("samples of a ray", loop_bound(&slices, of_ray));
             slices
         };
         let slices: Vec<Vec<Slice>> = volumes.iter().map(of_volume).collect();

@@ -122,8 +122,8 @@ fn passes(
         resources.iterations(label, of_point + u64::from(steps) + halved);
         return vec![Slice { first: 0, end: steps }];
     }
-    let slices = slices(steps, of_point + 1, 0);
-    resources.iterations(label, loop_bound(&slices, of_point + 1, 0));
+    let slices = slices(steps, of_point + 1);
+    resources.iterations(label, loop_bound(&slices, of_point + 1));
     slices
 }
 

@@ -12,19 +12,18 @@ shader_struct! {
     }
 }
 
-/// The slices of a loop of `count` turns, each of which takes so many turns with the loops within it. `beside` is what an invocation
-/// makes before and after.
-pub fn slices(count: u32, of_each: u64, beside: u64) -> Vec<Slice> {
-    let most = (MAX_ITERATIONS.saturating_sub(beside + 1) / of_each.max(1)).max(1);
+/// The slices of a loop of `count` turns, each of which takes so many turns with the loops within it.
+pub fn slices(count: u32, of_each: u64) -> Vec<Slice> {
+    let most = ((MAX_ITERATIONS - 1) / of_each.max(1)).max(1);
     let most = u32::try_from(most).unwrap_or(u32::MAX);
     let slice = |first: u32| Slice { first, end: count.min(first.saturating_add(most)) };
     (0..count.max(1)).step_by(most as usize).map(slice).collect()
 }
 
 /// Turns of an invocation in the longest of the slices.
-pub fn loop_bound(slices: &[Slice], of_each: u64, beside: u64) -> u64 {
+pub fn loop_bound(slices: &[Slice], of_each: u64) -> u64 {
     let longest = slices.iter().map(|slice| u64::from(slice.end - slice.first)).max();
-    longest.unwrap_or(0).saturating_mul(of_each).saturating_add(beside + 1)
+    longest.unwrap_or(0).saturating_mul(of_each).saturating_add(1)
 }
 
 #[cfg(test)]
@@ -124,20 +123,20 @@ mod tests {
     #[test]
     fn slices_cover_the_loop_and_none_is_too_long() {
         for (count, of_each) in [(1, 1), (50, 700), (16_384, 163), (1 << 20, 1), (4, 64_000)] {
-            let slices = slices(count, of_each, 100);
+            let slices = slices(count, of_each);
             let mut ends = slices.iter().map(|slice| slice.end);
             let firsts: Vec<u32> = slices.iter().map(|slice| slice.first).collect();
             assert_eq!(firsts[0], 0);
             assert!(ends.clone().zip(&firsts[1..]).all(|(end, first)| end == *first));
             assert_eq!(ends.next_back(), Some(count));
-            assert!(loop_bound(&slices, of_each, 100) <= MAX_ITERATIONS);
+            assert!(loop_bound(&slices, of_each) <= MAX_ITERATIONS);
         }
     }
 
     #[test]
     fn a_turn_that_is_too_long_alone_is_told() {
-        let slices = slices(3, 100_000, 0);
+        let slices = slices(3, 100_000);
         assert_eq!(slices.len(), 3);
-        assert!(loop_bound(&slices, 100_000, 0) > MAX_ITERATIONS);
+        assert!(loop_bound(&slices, 100_000) > MAX_ITERATIONS);
     }
 }

@@ -72,7 +72,7 @@ impl VolumeSlices {
     fn new(resources: &Resources<'_>, part: &VoxelPart) -> Result<Self, GpuError> {
         let VoxelPart { voxels, indices } = part;
         let textures = SliceAxis::ALL
-            .map(|axis| resources.volume(INFO.name, axis.slices(&voxels.grid), FORMAT, 1));
+            .map(|axis| resources.volume(INFO.name, axis.turn(voxels.grid.cells), FORMAT, 1));
         let grid = Bindings::new(&[&voxels.uniforms]);
         let draw = |axis: SliceAxis| -> Result<_, GpuError> {
             let (defs, targets) = ([("AXIS", axis as i32)], [kit::opaque(FORMAT)]);
@@ -82,7 +82,7 @@ impl VolumeSlices {
                 ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
             };
             let view = kit::view(&textures[axis as usize]);
-            Ok((Raster::new(resources, &spec)?, view, axis.slices(&voxels.grid)[2]))
+            Ok((Raster::new(resources, &spec)?, view, axis.turn(voxels.grid.cells)[2]))
         };
         let axes = [draw(SliceAxis::X)?, draw(SliceAxis::Y)?, draw(SliceAxis::Z)?];
         let [x, y, z] = &textures;

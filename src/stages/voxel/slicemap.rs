@@ -15,23 +15,16 @@ use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
 use fathom_scene::Grid;
 
-pub const INFO_X: StageInfo = StageInfo {
-    name: "voxel/slicemap-x",
-    about: "bits of depth slices along x by atomic OR, all in one pass",
-    source: "VAO §4.2",
-};
+pub const INFO_X: StageInfo =
+    slicemap("voxel/slicemap-x", "bits of depth slices along x by atomic OR, all in one pass");
+pub const INFO_Y: StageInfo =
+    slicemap("voxel/slicemap-y", "bits of depth slices along y by atomic OR, all in one pass");
+pub const INFO_Z: StageInfo =
+    slicemap("voxel/slicemap-z", "bits of depth slices along z by atomic OR, all in one pass");
 
-pub const INFO_Y: StageInfo = StageInfo {
-    name: "voxel/slicemap-y",
-    about: "bits of depth slices along y by atomic OR, all in one pass",
-    source: "VAO §4.2",
-};
-
-pub const INFO_Z: StageInfo = StageInfo {
-    name: "voxel/slicemap-z",
-    about: "bits of depth slices along z by atomic OR, all in one pass",
-    source: "VAO §4.2",
-};
+const fn slicemap(name: &'static str, about: &'static str) -> StageInfo {
+    StageInfo { name, about, source: "VAO §4.2" }
+}
 
 /// Format of the target that a render pass must have: nothing is written to it.
 const DUMMY: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
@@ -55,12 +48,7 @@ impl SliceAxis {
         }
     }
 
-    /// Columns and rows of the pass, and slices.
-    pub fn slices(self, grid: &Grid) -> [u32; 3] {
-        self.turn(grid.cells)
-    }
-
-    /// A voxel's column, row and slice.
+    /// A voxel's column, row and slice; of a grid's cells how many of them there are.
     pub fn turn(self, [x, y, z]: [u32; 3]) -> [u32; 3] {
         match self {
             SliceAxis::X => [y, z, x],
@@ -71,7 +59,7 @@ impl SliceAxis {
 
     /// Size of a slicemap of 32 slices a word.
     pub fn slicemap_bytes(self, grid: &Grid) -> u64 {
-        let [columns, rows, slices] = self.slices(grid).map(u64::from);
+        let [columns, rows, slices] = self.turn(grid.cells).map(u64::from);
         columns * rows * slices.div_ceil(32) * 4
     }
 }
@@ -173,7 +161,7 @@ fn along(
         }
         if let Some(large) = large {
             let raster = Raster::new(resources, &RenderSpec { groups: &[&group], ..spec.clone() })?;
-            let [columns, rows, _] = axis.slices(&voxels.grid);
+            let [columns, rows, _] = axis.turn(voxels.grid.cells);
             largest = [columns.max(largest[0]), rows.max(largest[1])];
             draws.push((raster, [columns, rows].map(|side| side as f32), large.clone()));
         }

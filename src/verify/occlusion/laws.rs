@@ -1,4 +1,4 @@
-//! `ao/query` against closed forms: a plane, a corner, a ball overhead.
+//! `ao/query` against closed forms: a plane, a corner, a ceiling.
 
 use super::*;
 use fathom_reference::occlusion::occlusion_beside_wall;
@@ -13,7 +13,6 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(INFO.name, "plane", plane),
         Case::new(INFO.name, "corner", corner),
-        Case::new(INFO.name, "ball overhead", ball),
         Case::new(INFO.name, "ceiling of a voxel", ceiling),
     ]
 }
@@ -79,22 +78,6 @@ fn corner(rig: &Rig<'_>) -> Checks {
     };
     // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
     [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)].into_iter().map(check).collect()
-}
-
-/// A ball over a floor, as seen from the point below it, fills a cone of half-angle α with sin α = R / h: A = sin² α.
-fn ball(rig: &Rig<'_>) -> Result<Check> {
-    let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
-    let radius = 12.0 * VOXEL_M;
-    let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
-    let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
-    let a = run_query(rig, |p| is_floor(p) || is_ball(p), &points, &marching(settings))?[0];
-    let law = |radius: f64| (radius / center.y).powi(2);
-    // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
-    let tolerance = law(radius + VOXEL_M) - law(radius);
-    Ok(Check::new(rig, "A below a ball")
-        .within((tolerance, "1"), (a - law(radius)).abs())
-        .control("radius 1.3 times", (a - law(1.3 * radius)).abs())
-        .with("expected", law(radius)))
 }
 
 /// A ceiling of one voxel along an axis, by the defaults: no ray passes through it, wherever between two voxels the points lie. Rays that

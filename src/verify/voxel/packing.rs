@@ -35,7 +35,7 @@ fn clear(rig: &Rig<'_>) -> Result<Check> {
 
 /// Voxels as a slicemap's words.
 fn slicemap(voxels: &[bool], grid: &Grid, axis: SliceAxis) -> Vec<u32> {
-    let [columns, rows, _] = axis.slices(grid);
+    let [columns, rows, _] = axis.turn(grid.cells);
     let mut words = vec![0u32; (axis.slicemap_bytes(grid) / 4) as usize];
     for (cell, _) in cells(grid).zip(voxels).filter(|(_, full)| **full) {
         let [column, row, slice] = axis.turn(cell);

@@ -1,10 +1,9 @@
-//! `voxel/slicemap-x`, `-y`, `-z`, what they make together, and `voxel/slice`, against samples in f64; and the law that a fragment's voxel is one
-//! that the surface touches.
+//! `voxel/slicemap-x`, `-y`, `-z`, what they make together, and `voxel/slice`, against samples in f64.
 
 use super::subjects::{VoxelScene, cells, voxels_of};
 use crate::prelude::*;
 use fathom_record::Adapter;
-use fathom_reference::voxel::{MIN_SUBPIXELS, disagreements, errors, gaps, sampled};
+use fathom_reference::voxel::{MIN_SUBPIXELS, disagreements, sampled};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::slice;
 use fathom_stages::voxel::slicemap::{self, Rasterizer, SliceAxis};
@@ -33,11 +32,11 @@ pub fn cases() -> Vec<Case> {
         let bunnies = [VoxelScene::bunny(32)?, VoxelScene::bunny(64)?];
         let [soup, crates] = [VoxelScene::soup()?, VoxelScene::crates(64)?];
         let subjects: Vec<_> = [soup, crates].into_iter().chain(bunnies).collect();
-        against_surface(rig, &subjects, |subject| three_way(rig, subject))
+        on_all_axes(rig, &subjects, |subject| three_way(rig, subject))
     });
     let slices = Case::new(SLICE, "the slices' voxels", |rig| {
         let subjects = [VoxelScene::soup()?, VoxelScene::bunny(32)?];
-        against_surface(rig, &subjects, |subject| {
+        on_all_axes(rig, &subjects, |subject| {
             subject.voxelized(rig, |geometry, parts| slice::new(rig, geometry, parts))
         })
     });
@@ -46,7 +45,7 @@ pub fn cases() -> Vec<Case> {
 
 /// A slicemap's voxels in the order of [`Grid::index`].
 fn slices_of(words: &[u32], grid: &Grid, axis: SliceAxis) -> Vec<bool> {
-    let [columns, rows, _] = axis.slices(grid);
+    let [columns, rows, _] = axis.turn(grid.cells);
     let bit = |cell: [u32; 3]| {
         let [column, row, slice] = axis.turn(cell);
         let word = column + columns * (row + rows * (slice / 32));
@@ -153,38 +152,19 @@ fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
     Ok(voxels_of(&rig.read(&voxels.bits)?, &subject.grid))
 }
 
-/// Three-way rasterizations against samples, against the cubes that the surface touches, and, as figures alone, the voxels they
-/// miss; and those of slanted quads.
-///
-/// A fragment lies on the triangle, at the middle of its pixel and at its depth: a voxel that holds it touches the triangle.
-/// Sub-pixel rounding moves the triangle by far less than the half voxel between that middle and the voxel's sides.
-fn against_surface(
+/// Voxels of all three axes against samples, of each subject and of slanted quads.
+fn on_all_axes(
     rig: &Rig<'_>,
     subjects: &[VoxelScene],
     voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>>,
 ) -> Checks {
     let mut checks = Vec::new();
     for subject in subjects {
-        let found = voxelized(subject)?;
-        let triangles = subject.triangles();
         let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
-        let name = format!("{} {resolution}", subject.name);
-        let samples =
-            against_samples(rig, std::slice::from_ref(subject), &ALL_AXES, |_| Ok(found.clone()))?;
-        let touched = |grid: &Grid| errors(&found, &gaps(&triangles, grid));
-        let exact = touched(&subject.grid);
-        let perturbed = touched(&subject.shifted(MOVED_VOXELS));
-        checks.push(
-            samples.check(rig, format!("{name}: voxels that differ from samples on three axes")),
-        );
-        checks.push(
-            Check::new(rig, format!("{name}: voxels that no triangle touches"))
-                .within((0.0, "1"), exact.false_positives as f64)
-                .control(MOVED, perturbed.false_positives as f64)
-                .with("touched_voxels", exact.occupied as f64)
-                .with("borderline_voxels", exact.borderline as f64)
-                .with("missed_share_of_touched", exact.false_negative_rate()),
-        );
+        let what = "voxels that differ from samples on three axes";
+        let what = format!("{} {resolution}: {what}", subject.name);
+        let samples = against_samples(rig, std::slice::from_ref(subject), &ALL_AXES, &voxelized)?;
+        checks.push(samples.check(rig, what));
     }
     checks.push(slanted_quads(rig, &ALL_AXES, voxelized)?);
     Ok(checks)

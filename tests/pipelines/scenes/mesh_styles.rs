@@ -3,13 +3,9 @@
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use fathom::scene::Mesh;
-use rand::seq::IndexedRandom;
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
 
 use super::files::{GLTF, fan, glb, gzip, stl};
 use super::meshes::read;
-use crate::promises::draws;
 
 type Corner = [u32; 6];
 
@@ -244,6 +240,21 @@ const POLYGONS: [(&str, &str, f32); 7] = [
     ("spiral", "0 0 5 0 5 5 1 5 1 2 3 2 3 3 2 3 2 4 4 4 4 1 0 1", 15.0),
 ];
 
+/// A file of one face.
+fn polygon(positions: &[[f32; 3]], face: &[usize], name: &str) -> String {
+    let count = face.len();
+    let vertices = positions.iter().map(|[x, y, z]| format!("{x} {y} {z}\n"));
+    if name == "a.obj" {
+        let vertices: String = vertices.map(|vertex| format!("v {vertex}")).collect();
+        let corners: String = face.iter().map(|corner| format!(" {}", corner + 1)).collect();
+        return format!("{vertices}f{corners}\n");
+    }
+    let (header, _) = PLY.split_once("0 0 0").unwrap();
+    let header = header.replace("vertex 5", &format!("vertex {count}"));
+    let corners: String = face.iter().map(|corner| format!(" {corner}")).collect();
+    format!("{header}{}{count}{corners}\n", vertices.collect::<String>())
+}
+
 /// Whichever corner comes first, whatever the size, and far from the origin.
 #[test]
 fn polygons_are_filled_once() {
@@ -264,13 +275,9 @@ fn polygons_are_filled_once() {
             let positions: Vec<[f32; 3]> = numbers.chunks(2).map(at).collect();
             for name in ["a.obj", "a.ply"] {
                 let begun = |first: usize| {
-                    let mut face: Vec<_> =
-                        (0..positions.len()).map(|corner| (corner, None)).collect();
+                    let mut face: Vec<usize> = (0..positions.len()).collect();
                     face.rotate_left(first);
-                    let faces = vec![face];
-                    let shape =
-                        TestMesh { positions: positions.clone(), normals: Vec::new(), faces };
-                    read(name, Style(None).written(&shape, name).as_bytes()).unwrap()
+                    read(name, polygon(&positions, &face, name).as_bytes()).unwrap()
                 };
                 let (mesh, row) = (begun(0), format!("{shape}, {plane}, {name}"));
                 for first in 1..positions.len() {
@@ -288,136 +295,5 @@ fn polygons_are_filled_once() {
             }
         }
         assert!(cut.iter().all(|indices| *indices == cut[0]), "{shape}: {cut:?}");
-    }
-}
-
-struct TestMesh {
-    positions: Vec<[f32; 3]>,
-    normals: Vec<[f32; 3]>,
-    /// Corners, each a position and perhaps a normal.
-    faces: Vec<Vec<(usize, Option<usize>)>>,
-}
-
-impl TestMesh {
-    /// Random faces. Of half of the seeds some corners have normals, and not all of these can be used.
-    fn random(seed: u64, random: &mut Pcg64) -> Self {
-        let scale = 10f32.powi(random.random_range(-3..5));
-        let mut points = |count: usize| -> Vec<[f32; 3]> {
-            (0..count)
-                .map(|_| [(); 3].map(|()| scale * random.random_range(-1.0f32..1.0)))
-                .collect()
-        };
-        let (positions, mut normals) = (points(12), points(5));
-        (normals[0], normals[1][1]) = ([0.0; 3], f32::NAN);
-        let has_normals = if seed.is_multiple_of(2) { 0.8 } else { 0.0 };
-        let face = |_| {
-            let corners: Vec<usize> = (0..positions.len()).collect();
-            let count = random.random_range(3..8);
-            let corners: Vec<usize> = corners.sample(random, count).copied().collect();
-            let mut normal = || random.random_bool(has_normals).then(|| random.random_range(0..5));
-            corners.into_iter().map(|corner| (corner, normal())).collect()
-        };
-        let faces = (0..10).map(face).collect();
-        Self { positions, normals, faces }
-    }
-}
-
-/// How a file is written: plainly where nothing is random.
-struct Style(Option<Pcg64>);
-
-impl Style {
-    fn pick(&mut self, count: usize) -> usize {
-        self.0.as_mut().map_or(0, |random| random.random_range(0..count))
-    }
-
-    fn number(&mut self, value: f32) -> String {
-        match self.pick(4) {
-            1 => format!("{value:e}"),
-            2 if value >= 0.0 => format!("+{value}"),
-            _ => value.to_string(),
-        }
-    }
-
-    fn index(&mut self, place: usize, count: usize) -> String {
-        if self.pick(2) == 0 { (place + 1).to_string() } else { format!("-{}", count - place) }
-    }
-
-    fn corner(&mut self, shape: &TestMesh, (position, normal): (usize, Option<usize>)) -> String {
-        let position = self.index(position, shape.positions.len());
-        let normal = normal.map_or(String::new(), |normal| self.index(normal, shape.normals.len()));
-        match self.pick(3) {
-            0 if normal.is_empty() => position,
-            1 => format!("{position}/1/{normal}"),
-            _ => format!("{position}//{normal}"),
-        }
-    }
-
-    /// Words of each line: those of PLY have no keyword, no normals and no colours.
-    fn lines(&mut self, shape: &TestMesh, is_ply: bool) -> Vec<Vec<String>> {
-        let keyword = |word: &str| if is_ply { Vec::new() } else { vec![word.to_owned()] };
-        let mut lines = Vec::new();
-        let normals = if is_ply { &[][..] } else { &shape.normals };
-        let points = shape.positions.iter().map(|point| ("v", point));
-        for (word, point) in points.chain(normals.iter().map(|point| ("vn", point))) {
-            let has_colour = word == "v" && !is_ply && self.pick(3) == 1;
-            let colour = if has_colour { &["1", "0.5", "0"][..] } else { &[] };
-            let numbers = point.map(|value| self.number(value));
-            let colour = colour.iter().map(ToString::to_string).collect();
-            lines.push([keyword(word), numbers.into(), colour].concat());
-        }
-        for mut face in shape.faces.clone() {
-            let count = face.len();
-            face.rotate_left(self.pick(count));
-            let indices = face.iter().map(|corner| corner.0);
-            lines.push(match is_ply {
-                true => {
-                    std::iter::once(count).chain(indices).map(|index| index.to_string()).collect()
-                }
-                false => {
-                    let corners = face.into_iter().map(|corner| self.corner(shape, corner));
-                    [keyword("f"), corners.collect()].concat()
-                }
-            });
-        }
-        lines
-    }
-
-    fn written(&mut self, shape: &TestMesh, name: &str) -> String {
-        let is_ply = name.ends_with("ply");
-        let joints = [" ", "  ", "\t", " \\\n ", "\\\n ", "\\\n"];
-        let ends =
-            ["\n", "\n\n", "\t\n", " # \\\n", "#f 1 2 3\n", "\nvt 0 0\n", "\ns off\n", "\n# \\\n"];
-        let (joints, ends) =
-            if is_ply { (&joints[..3], &ends[..3]) } else { (&joints[..], &ends[..]) };
-        let [vertices, faces] = [shape.positions.len(), shape.faces.len()];
-        let header =
-            PLY.split_once("0 0 0").unwrap().0.replace("vertex 5", &format!("vertex {vertices}"));
-        let mut text =
-            if is_ply { header.replace("face 1", &format!("face {faces}")) } else { String::new() };
-        for words in self.lines(shape, is_ply) {
-            text += ["", "  "][self.pick(2)];
-            for word in words {
-                text += &word;
-                text += joints[self.pick(joints.len())];
-            }
-            text += ends[self.pick(ends.len())];
-        }
-        let text = text.replace('\n', ["\n", "\r\n", "\r"][self.pick(3)]);
-        format!("{}{text}", ["", "\u{feff}"][self.pick(2)])
-    }
-}
-
-/// Ten times `FATHOM_DRAWS` random meshes, each in a random style.
-#[test]
-fn random_meshes_in_random_styles_are_the_plain_ones() {
-    for seed in 0..10 * draws() {
-        let mut random = Pcg64::seed_from_u64(seed);
-        let shape = TestMesh::random(seed, &mut random);
-        let plain = load("a.obj", Style(None).written(&shape, "a.obj")).unwrap();
-        let mut style = Style(Some(random));
-        for name in ["a.obj", "a.ply"].into_iter().take(1 + seed as usize % 2) {
-            let styled = style.written(&shape, name);
-            assert!(load(name, &styled).as_ref() == Ok(&plain), "{seed}, {name}: {styled:?}");
-        }
     }
 }

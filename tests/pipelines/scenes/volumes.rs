@@ -51,16 +51,6 @@ fn read_bytes(keys: &str) -> Volume {
 }
 
 #[test]
-fn a_volume_has_its_size_and_stands_on_the_floor() {
-    let volume = read_bytes("");
-    let bounds = volume.bounds();
-    assert!((bounds.size() - DVec3::new(0.002, 0.006, 0.006)).length() < 1e-9);
-    assert!((bounds.min - DVec3::new(-0.001, -2.0, -0.003)).length() < 1e-9);
-    let fitted = read_bytes("fit_m = 3");
-    assert!((fitted.bounds().size().max_element() - 3.0).abs() < 1e-9);
-}
-
-#[test]
 fn windows_turning_and_reducing() {
     assert_eq!(read_bytes("window = [1, 2]").data[..4], [0.0, 0.0, 1.0, 1.0]);
     let upright = read_bytes("up = \"z\"");
@@ -90,17 +80,6 @@ fn values_that_are_not_finite_are_counted_and_the_first_named() {
     let message = fault("a.raw", &raw, "cells = [2, 3, 2]\nformat = \"f32\"");
     let counted = "2 of 12 values are not finite: the first, NaN, lies in cell (1, 0, 1)";
     assert!(message.contains(counted), "{message}");
-}
-
-#[test]
-fn raw_files_are_read_plain_and_compressed() {
-    let keys = "cells = [2, 3, 2]\nformat = \"u8\"\nspacing_m = [0.1, 0.2, 0.3]";
-    let bytes: Vec<u8> = (0..12).map(|i| i * 20).collect();
-    let volume = read("a.raw", &bytes, keys).unwrap();
-    assert_eq!(volume.data[11], (220.0f64 / 255.0) as f32);
-    assert_eq!(volume.spacing_m, DVec3::new(0.1, 0.2, 0.3));
-    let packed = read("a.raw.gz", &gzip(&bytes), keys).unwrap();
-    assert_eq!(packed.data, volume.data);
 }
 
 /// Formats with headers are not read: of those with values in them, these are.

@@ -40,24 +40,3 @@ pub fn share(distance: f64, width: f64) -> f64 {
     let t = (0.5 - distance / width).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn distances_are_those_of_the_solids() {
-        let half = DVec3::new(1.0, 2.0, 3.0);
-        assert_eq!(cuboid(DVec3::new(4.0, 0.0, 7.0), half), 5.0);
-        assert_eq!(cuboid(DVec3::ZERO, half), -1.0);
-        assert_eq!(cylinder(DVec3::new(6.0, 6.0, 0.0), 3.0, 2.0), 5.0);
-        assert_eq!(cylinder(DVec3::Y, 3.0, 2.0), -1.0);
-        assert!((ellipsoid(DVec3::Y * 2.5, half) - 0.5).abs() < 0.2);
-        assert!(ellipsoid(DVec3::Z * 3.0, half).abs() < 1e-12);
-        let ends = [DVec3::ZERO, DVec3::X * 2.0];
-        assert_eq!(limb(DVec3::new(1.0, 1.0, 0.0), ends, [0.2, 0.4]), 0.7);
-        assert_eq!(limb(DVec3::new(3.0, 0.0, 0.0), ends, [0.2, 0.4]), 0.6);
-        assert_eq!(without(-1.0, -0.5), 0.5);
-        assert_eq!((share(-1.0, 0.5), share(0.0, 0.5), share(1.0, 0.5)), (1.0, 0.5, 0.0));
-    }
-}

@@ -96,17 +96,4 @@ mod tests {
             assert!((few - many).abs() < 0.15 * many, "{}: {few} against {many}", generator.name);
         }
     }
-
-    /// Wood, pot and leaves, casting and steel: more than one level, VAO Fig. 7.
-    #[test]
-    fn solids_have_their_own_densities() {
-        for (name, levels) in [("engine_like", [0.55, 0.95]), ("bonsai", [0.6, 0.85])] {
-            let generator = find(name).unwrap();
-            let data = generator.sample(coarse(generator, 64.0));
-            for level in levels {
-                let there = data.iter().filter(|v| (**v - level).abs() < 0.01).count();
-                assert!(there > 20, "{name}: {there} cells of {level}");
-            }
-        }
-    }
 }

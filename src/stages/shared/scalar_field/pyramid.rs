@@ -50,16 +50,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eight_cells_become_their_mean() {
-        let values: Vec<f32> = (0..64).map(|i| i as f32).collect();
-        let (cells, coarse) = coarser([4, 4, 4], &values);
-        assert_eq!(cells, [2, 2, 2]);
-        let first = [0, 1, 4, 5, 16, 17, 20, 21].map(|i: u32| i as f32);
-        assert_eq!(coarse[0], first.iter().sum::<f32>() / 8.0);
-        assert_eq!(coarse[7] - coarse[0], (2 + 8 + 32) as f32);
-    }
-
-    #[test]
     fn every_level_keeps_the_mean_of_odd_sizes() {
         let values: Vec<f32> = (0..105).map(|i| ((i * 37) % 101) as f32).collect();
         let mut level = ([7, 5, 3], values);
