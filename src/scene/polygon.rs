@@ -1,5 +1,7 @@
 //! Polygons of mesh files, cut into triangles.
 
+use std::cmp::Ordering;
+
 use earcut::Earcut;
 use glam::{DVec3, Vec3};
 use itertools::Itertools;
@@ -14,12 +16,25 @@ const MIN_FAN_SHARE: f64 = 1e-6;
 /// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins: the smallest of all rotations.
 /// Triangles stay as they are.
 pub fn rotate_to_first<T: Ord>(corners: &mut [T]) {
-    if corners.len() <= 3 {
+    let count = corners.len();
+    if count <= 3 {
         return;
     }
-    let rotation = |first: usize| corners[first..].iter().chain(&corners[..first]);
-    let first = (0..corners.len()).min_by(|a, b| rotation(*a).cmp(rotation(*b)));
-    corners.rotate_left(first.unwrap_or(0));
+    // Of two candidates that agree in `same` corners and then differ, the larger goes, and with it those that begin within what agreed.
+    let (mut a, mut b, mut same) = (0, 1, 0);
+    while a.max(b) < count && same < count {
+        match corners[(a + same) % count].cmp(&corners[(b + same) % count]) {
+            Ordering::Equal => {
+                same += 1;
+                continue;
+            }
+            Ordering::Greater => a += same + 1,
+            Ordering::Less => b += same + 1,
+        }
+        b += usize::from(a == b);
+        same = 0;
+    }
+    corners.rotate_left(a.min(b));
 }
 
 /// The indices of triangles of polygons that have so many of these corners each; without `counts` all are triangles.

@@ -302,17 +302,6 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_r_max_by_samples_or_voxels() {
-        let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
-        let mut marching = marching();
-        assert!((marching.step_voxels(&grid) - 1.25).abs() < 1e-12);
-        assert_eq!(marching.samples_in(&grid), 8.0);
-        marching.step = StepLength::Voxel;
-        assert_eq!(marching.step_voxels(&grid), 0.5);
-        assert_eq!(marching.samples_in(&grid), 20.0);
-    }
-
-    #[test]
     fn a_ray_longer_than_the_grid_samples_only_what_lies_within() {
         let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
         let mut marching = marching();

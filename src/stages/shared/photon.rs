@@ -387,22 +387,6 @@ mod tests {
     }
 
     #[test]
-    fn a_slanted_photon_weighs_its_solid_angle_where_energy_is_conserved() {
-        let entry = DVec3::new(4.0, 0.0, 0.0);
-        let sin_t = 0.6 / 1.33;
-        let down = DVec3::new(sin_t, -(1.0 - sin_t * sin_t).sqrt(), 0.0);
-        let photon = Photon {
-            entry_m: entry.as_vec3(),
-            fate: 0,
-            hit_m: (entry + down * 2.0).as_vec3(),
-            distance_m: 2.0,
-        };
-        let conserving = PhotonEnergy { solid_angle: true, ..energy(false) };
-        assert!((conserving.weight(&photon) - 0.8f64.powi(3)).abs() < 1e-9);
-        assert_eq!(energy(false).weight(&photon), 1.0);
-    }
-
-    #[test]
     fn a_photon_beside_the_water_has_no_direction_or_weight_and_is_not_converged() {
         let photon = Photon { entry_m: Vec3::ONE, fate: MISSED, hit_m: Vec3::ONE, distance_m: 0.0 };
         let row = columns_of(&photon, &energy(true), 0.01);

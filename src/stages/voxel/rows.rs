@@ -29,14 +29,3 @@ pub(super) fn copy(
         wgpu::Extent3d { width: cells[0], height: cells[1], depth_or_array_layers: cells[2] };
     encoder.copy_buffer_to_texture(source, target, size);
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_are_aligned() {
-        assert_eq!((pitch(1), pitch(256), pitch(257)), (256, 256, 512));
-        assert_eq!(bytes([128, 3, 2]), 256 * 6);
-    }
-}
