@@ -170,16 +170,26 @@ fn the_light_frustum_and_the_photons_belong_together() {
         .map(|name| photons.field::<f64>(&format!("/light_frustum/{name}")));
     assert!(off(area * 9.2, emitted) < 1e-9);
     let place = photons.matrix("/light_frustum/photon_grid").inverse();
-    let [count, flux_w] =
-        ["count", "flux_w"].map(|name| photons.field::<f64>(&format!("/photons/{name}")));
+    let [count, flux_w, eta] = ["count", "flux_w", "refractive_index"]
+        .map(|name| photons.field::<f64>(&format!("/photons/{name}")));
     assert!(off(flux_w * count, emitted) < 1e-5);
-    let entry = photons.column("entry_x_m");
+    let forward: DVec3 = photons.field("/light_frustum/forward");
+    let [entry, direction, weight] =
+        ["entry_x_m", "direction_x", "weight"].map(|name| photons.column(name));
+    let mut judged = 0;
     for (i, row) in photons.rows().enumerate() {
+        let vector = |at: usize| DVec3::new(row[at], row[at + 1], row[at + 2]);
         let cell = i / 4;
         let fine = [cell % 64 * 2 + i % 2, cell / 64 * 2 + i % 4 / 2];
-        let at = place.project_point3(DVec3::from_slice(&row[entry..]));
+        let at = place.project_point3(vector(entry));
         for (along, place) in [at.x, at.y].into_iter().zip(fine) {
             assert!((along - ((place as f64 + 0.5) / 64.0 - 1.0)).abs() < 1e-4, "photon {i}");
         }
+        if row[weight] > 0.0 && row[photons.column("residual_m")] >= 0.0 {
+            let along = (forward - eta * vector(direction)).cross(DVec3::Y).length();
+            assert!(along < 1e-4, "photon {i}: {along}");
+            judged += 1;
+        }
     }
+    assert!(judged > 1000, "{judged}");
 }
