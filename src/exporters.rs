@@ -4,7 +4,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail};
+use anyhow::{Context as _, anyhow, bail};
 use itertools::Itertools;
 
 use crate::folder::Dir;
@@ -32,42 +32,27 @@ pub fn comparison_files(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
 
 /// Whether there is a format of this name: told before a folder is read.
 pub fn check_format(name: &str) -> anyhow::Result<()> {
-    exporter_names().any(|known| known == name).then_some(()).ok_or_else(|| unknown(name))
-}
-
-/// One format, of the records that were read in a folder.
-pub fn export(name: &str, folder: &Path, reading: RecordFile) -> anyhow::Result<Exported> {
-    if holds_comparison(&reading.records) {
-        let exporter = find(name, folder, "a comparison", &OF_COMPARISONS)?;
-        let comparison = Comparison::from_reading(reading, &folder.join(RECORDS))?;
-        return Ok(exporter.one((exporter.export)(&Verdicts::judge(&comparison))));
-    }
-    let exporter = find(name, folder, "a run", &OF_RUNS)?;
-    let view = Report::new(&reading.records, Some(folder));
-    Ok(exporter.run(&view))
-}
-
-/// The exporter of that name among those of what the folder holds.
-fn find<'a, F>(
-    name: &str,
-    folder: &Path,
-    held: &'static str,
-    exporters: &'a [Exporter<F>],
-) -> anyhow::Result<&'a Exporter<F>> {
-    let found = exporters.iter().find(|exporter| exporter.name == name);
-    found.ok_or_else(|| match exporter_names().find(|known| *known == name) {
-        Some(name) => {
-            let formats = exporters.iter().map(|exporter| exporter.name).join(", ");
-            let folder = folder.display();
-            anyhow!("{folder} holds {held}, which cannot be written as `{name}`, only as {formats}")
-        }
-        None => unknown(name),
-    })
-}
-
-fn unknown(name: &str) -> anyhow::Error {
     let meant = text::did_you_mean(name, exporter_names());
-    anyhow!("unknown format `{}`{meant}", text::line(name))
+    let is_known = exporter_names().any(|known| known == name);
+    is_known.then_some(()).with_context(|| format!("unknown format `{}`{meant}", text::line(name)))
+}
+
+/// One of the formats that there are, of the records that were read in a folder.
+pub fn export(name: &str, folder: &Path, reading: RecordFile) -> anyhow::Result<Exported> {
+    let (held, formats) = if holds_comparison(&reading.records) {
+        if let Some(exporter) = OF_COMPARISONS.iter().find(|exporter| exporter.name == name) {
+            let comparison = Comparison::from_reading(reading, &folder.join(RECORDS))?;
+            return Ok(exporter.one((exporter.export)(&Verdicts::judge(&comparison))));
+        }
+        ("a comparison", OF_COMPARISONS.iter().map(|exporter| exporter.name).join(", "))
+    } else {
+        if let Some(exporter) = OF_RUNS.iter().find(|exporter| exporter.name == name) {
+            return Ok(exporter.run(&Report::new(&reading.records, Some(folder))));
+        }
+        ("a run", OF_RUNS.iter().map(|exporter| exporter.name).join(", "))
+    };
+    let folder = folder.display();
+    bail!("{folder} holds {held}, which cannot be written as `{name}`, only as {formats}")
 }
 
 fn exporter_names() -> impl Iterator<Item = &'static str> {

@@ -15,7 +15,7 @@ use anyhow::Context;
 
 use super::COULD_NOT_RUN;
 use super::commands::{ExitResult, INTERRUPT, INTERRUPTED, gpu_options, watch_interrupts};
-use super::compare_args::{BisectArgs, SearchArgs};
+use super::compare_args::BisectArgs;
 
 /// Gates of a search for which none are named.
 const GATES: [Gate; 2] = [Gate::Instructions, Gate::Time];
@@ -25,10 +25,7 @@ const NOTHING_TO_FIND: u8 = 1;
 const UNDECIDED: u8 = 3;
 
 pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
-    search(catalog, searched(args)?, &args.search)
-}
-
-fn search(catalog: &Catalog, searched: SearchSpace, args: &SearchArgs) -> ExitResult {
+    let searched = searched(args)?;
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
     let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
@@ -78,15 +75,12 @@ fn search(catalog: &Catalog, searched: SearchSpace, args: &SearchArgs) -> ExitRe
 
 /// What is searched among; the command line has one of these.
 fn searched(args: &BisectArgs) -> anyhow::Result<SearchSpace> {
-    let by = building(&args.search);
+    let build = args.build_cmd.as_deref().unwrap_or(":").to_owned();
+    let commands = |run| BuildMethod::Commands { build, run };
+    let by = args.cmd.clone().map_or(BuildMethod::Cargo, commands);
     if let Some(list) = args.candidates.clone() {
         return Ok(SearchSpace::Lines { list, by });
     }
     let good = args.good.clone().context("give --good REV or --candidates FILE")?;
     Ok(SearchSpace::Revisions { good, bad: args.bad.clone(), by })
-}
-
-fn building(args: &SearchArgs) -> BuildMethod {
-    let build = args.build_cmd.as_deref().unwrap_or(":").to_owned();
-    args.cmd.clone().map_or(BuildMethod::Cargo, |run| BuildMethod::Commands { build, run })
 }

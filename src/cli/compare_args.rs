@@ -91,13 +91,6 @@ pub struct BisectArgs {
     /// Search among the lines of a file in place of revisions, the known-good one first. The commands find a line in $CANDIDATE
     #[arg(long, value_name = "FILE", conflicts_with_all = ["good", "bad"], requires = "cmd")]
     pub candidates: Option<PathBuf>,
-    #[command(flatten)]
-    pub search: SearchArgs,
-}
-
-/// How a search goes, whatever is searched among.
-#[derive(Args)]
-pub struct SearchArgs {
     /// Command of the shell that builds a candidate, a revision in its checkout
     #[arg(long, value_name = "COMMAND", requires = "cmd")]
     pub build_cmd: Option<String>,

@@ -21,34 +21,27 @@ pub enum FigureUnit {
 }
 
 impl FigureUnit {
-    /// Empty where there is none.
-    pub fn symbol(self) -> &'static str {
+    /// Its symbol, empty where there is none, and the factor from the value in the record to the value shown.
+    fn shown(self) -> (&'static str, f64) {
         match self {
-            FigureUnit::One => "",
-            FigureUnit::Percent => "%",
-            FigureUnit::Metres => "m",
-            FigureUnit::Degrees => "°",
-            FigureUnit::Pixels => "px",
-            FigureUnit::Voxels => "voxels",
-            FigureUnit::Mebibytes => "MiB",
-            FigureUnit::Milliseconds => "ms",
-            FigureUnit::FramesPerSecond => "frames/s",
+            FigureUnit::One => ("", 1.0),
+            FigureUnit::Percent => ("%", 100.0),
+            FigureUnit::Metres => ("m", 1.0),
+            FigureUnit::Degrees => ("°", 1.0),
+            FigureUnit::Pixels => ("px", 1.0),
+            FigureUnit::Voxels => ("voxels", 1.0),
+            FigureUnit::Mebibytes => ("MiB", 1.0 / f64::from(1 << 20)),
+            FigureUnit::Milliseconds => ("ms", 1e-6),
+            FigureUnit::FramesPerSecond => ("frames/s", 1.0),
         }
     }
 
-    /// From the value in the record to the value shown.
+    pub fn symbol(self) -> &'static str {
+        self.shown().0
+    }
+
     pub fn factor(self) -> f64 {
-        match self {
-            FigureUnit::Percent => 100.0,
-            FigureUnit::Mebibytes => 1.0 / f64::from(1 << 20),
-            FigureUnit::Milliseconds => 1e-6,
-            FigureUnit::One
-            | FigureUnit::Metres
-            | FigureUnit::Degrees
-            | FigureUnit::Pixels
-            | FigureUnit::Voxels
-            | FigureUnit::FramesPerSecond => 1.0,
-        }
+        self.shown().1
     }
 }
 

@@ -120,7 +120,7 @@ impl RunExporter {
 /// Exporters of runs, in the order in which their files are written.
 pub const OF_RUNS: [RunExporter; 6] = [PLOTS, CELLS_CSV, PAGE, SUMMARY, CLAIMS, BENCHER];
 
-/// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
+/// The files of a run's report. Pictures are shown that lie in `folder`.
 pub fn report_files(records: &[Record], folder: Option<&Path>) -> Vec<Artifact> {
     let view = Report::new(records, folder);
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Timing::WithEveryReport);

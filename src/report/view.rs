@@ -14,14 +14,13 @@ use serde_json::Value;
 use super::charts::{self, Figure};
 use super::colors::StageColors;
 use super::document::Span;
-use fathom_base::folder::Dir;
 use fathom_base::private;
 use fathom_experiments as experiments;
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{Experiment, Ruling, label_text};
 use fathom_judge::claims::{self, RunCell};
 use fathom_judge::run::RunVerdict;
-use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run, RunProgress};
+use fathom_record::{Cell, Clock, Damaged, End, Measured, Record, Run, RunProgress};
 
 #[derive(Default)]
 pub struct Report<'a> {
@@ -79,8 +78,6 @@ pub struct Section<'a> {
     /// Why there is none.
     pub problem: Option<String>,
     pub entries: Vec<RunCell<'a>>,
-    /// Its pictures and their cells, by path.
-    pub pictures: Vec<(&'a Cell, &'a Picture)>,
     /// The latest of the view.
     pub run: Option<&'a Run>,
     /// Of all stages of the view.
@@ -92,7 +89,7 @@ pub struct Section<'a> {
 }
 
 impl<'a> Report<'a> {
-    /// With the pictures that lie in `folder`; without one, all that the records name.
+    /// Pictures are shown that lie in `folder`.
     pub fn new(records: &'a [Record], folder: Option<&Path>) -> Report<'a> {
         let mut view = Report { folder: folder.map(Path::to_owned), ..Report::default() };
         let mut sections = IndexMap::<&str, Section<'a>>::new();
@@ -126,7 +123,7 @@ impl<'a> Report<'a> {
         view.verdict = run.and_then(|run| RunVerdict::judge(run, &frames));
         for section in &mut view.sections {
             (section.run, section.colors) = (run, Rc::clone(&view.colors));
-            section.finish(folder);
+            section.finish();
         }
         view
     }
@@ -166,7 +163,7 @@ impl<'a> Section<'a> {
         }
     }
 
-    fn finish(&mut self, folder: Option<&Path>) {
+    fn finish(&mut self) {
         let profile = self.run.map(|run| run.profile);
         if self.experiment.is_none() && self.problem.is_none() {
             if Experiment::builtin_text(self.id).is_some() {
@@ -189,20 +186,6 @@ impl<'a> Section<'a> {
             let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
             a_rank.cmp(&b_rank).then_with(|| compare_axes(a.cell, b.cell))
         });
-        let folder = folder.map(Dir::open);
-        let is_there = |picture: &Picture| match &folder {
-            None => true,
-            Some(folder) => folder.as_ref().is_ok_and(|folder| folder.has_file(&picture.path)),
-        };
-        let pictures = self.measured().flat_map(|(cell, measured)| {
-            measured
-                .pictures
-                .iter()
-                .filter(|picture| is_there(picture))
-                .map(move |picture| (cell, picture))
-        });
-        self.pictures = pictures.collect();
-        self.pictures.sort_by_key(|(_, picture)| &picture.path);
     }
 
     pub fn cells(&self) -> Vec<&'a Cell> {

@@ -7,7 +7,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use flate2::{Compression, GzBuilder};
 use serde::{Serialize, Serializer};
 
-use super::{Page, PageRun};
+use super::Page;
 use crate::Report;
 use crate::format::{NS_PER_MS, three};
 use fathom_base::statistics;
@@ -18,13 +18,7 @@ const WRITTEN_AT_ONCE: usize = 1 << 16;
 
 #[derive(Serialize)]
 struct PageData<'a> {
-    runs: Vec<RunData<'a>>,
-}
-
-#[derive(Serialize)]
-struct RunData<'a> {
-    label: &'a str,
-    cells: CellRows<'a>,
+    runs: Vec<CellRows<'a>>,
 }
 
 /// The measured cells of a run, each made when it is written: rows of a table of its frame's and stages' times.
@@ -66,7 +60,7 @@ fn row(name: &str, samples_ns: &[f64], clock: &str, below_ns: Option<f64>) -> [S
 
 /// JSON, compressed by gzip, as base64. The same records give the same bytes.
 pub fn packed(page: &Page<'_>) -> String {
-    let data = PageData { runs: page.runs.iter().map(run_data).collect() };
+    let data = PageData { runs: page.runs.iter().map(|run| CellRows(run.view)).collect() };
     // Without a time in its header.
     let packer = GzBuilder::new().write(Vec::new(), Compression::best());
     let mut packer = BufWriter::with_capacity(WRITTEN_AT_ONCE, packer);
@@ -74,10 +68,6 @@ pub fn packed(page: &Page<'_>) -> String {
     let packed = packer.into_inner().map_err(|error| error.into_error());
     let packed = packed.and_then(|packer| packer.finish());
     BASE64.encode(packed.expect("a buffer takes all bytes"))
-}
-
-fn run_data<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
-    RunData { label: &run.label, cells: CellRows(run.view) }
 }
 
 #[cfg(test)]
@@ -94,7 +84,7 @@ mod tests {
         let mut json = String::new();
         flate2::read::GzDecoder::new(bytes.as_slice()).read_to_string(&mut json).unwrap();
         let data: serde_json::Value = serde_json::from_str(&json).unwrap();
-        let cells = data["runs"][0]["cells"].as_array().unwrap();
+        let cells = data["runs"][0].as_array().unwrap();
         assert_eq!(cells.len(), view.measured().count());
         let (_, first) = view.measured().next().unwrap();
         let stage = &first.stages[0];

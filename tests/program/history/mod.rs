@@ -45,7 +45,9 @@ fn changes(folder: &Path, db: &str) -> Value {
     history(folder, db, "changes --json").ends(0).json()
 }
 
-fn keeps_runs_once_in_the_order_of_their_commits(place: &Place, db: &str) {
+#[test]
+fn runs_are_kept_once_in_the_order_of_their_commits() {
+    let (place, db) = (Place::new(), "../history.sqlite");
     let repository = Repository::new(place.path("repository"), 2);
     let here = &repository.folder;
     let history = |words: &str| history(here, db, words);
@@ -71,7 +73,9 @@ fn keeps_runs_once_in_the_order_of_their_commits(place: &Place, db: &str) {
 }
 
 /// A shard that another machine measured than the night before begins new series.
-fn tells_machines_apart(place: &Place, db: &str) {
+#[test]
+fn machines_are_told_apart() {
+    let (place, db) = (Place::new(), "../history.sqlite");
     let repository = Repository::new(place.path("machines"), 3);
     let here = &repository.folder;
     let run = here.join("run");
@@ -93,7 +97,9 @@ fn tells_machines_apart(place: &Place, db: &str) {
 }
 
 /// Forty days, cell 0 slower by 10 % from day 25 on.
-fn names_the_commits_of_a_change(place: &Place, db: &str) {
+#[test]
+fn the_commits_of_a_change_are_named() {
+    let (place, db) = (Place::new(), "../history.sqlite");
     let Repository { folder: here, commits } = &Repository::new(place.path("days"), 40);
     for (day, commit) in commits.iter().enumerate() {
         let ns = if day >= 25 { 5.5e6 } else { 5e6 };
@@ -128,19 +134,6 @@ fn names_the_commits_of_a_change(place: &Place, db: &str) {
 
 const FIGURES: &str =
     "SELECT figures, (SELECT COUNT(*) FROM fathom_figure WHERE run = id) FROM fathom_run";
-
-#[test]
-fn a_file_of_sqlite_is_a_history() {
-    let place = Place::new();
-    let all: [fn(&Place, &str); 3] = [
-        keeps_runs_once_in_the_order_of_their_commits,
-        tells_machines_apart,
-        names_the_commits_of_a_change,
-    ];
-    for (number, test) in all.into_iter().enumerate() {
-        test(&place, place.path(format!("{number}/history.sqlite")).to_str().unwrap());
-    }
-}
 
 /// `history add` finds the disk full after each of some shares of what it writes. A run whose end was not written is not stored, what
 /// was stored stays, and what is there is whole.

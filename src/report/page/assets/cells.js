@@ -104,7 +104,7 @@
       if (open) return;
       const { runs } = await fathom.data();
       const [run, index] = row.dataset.at.split(" ").map(Number);
-      const lines = runs[run].cells[index].map(line);
+      const lines = runs[run][index].map(line);
       const heads = ["Stage", "Median (ms)", "Minimum", "Maximum", "n", "Clock"];
       const table = fathom.element("table", {},
         fathom.element("thead", {}, fathom.element("tr", {}, ...heads.map((head) => fathom.element("th", { scope: "col" }, head)))),
