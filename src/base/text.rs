@@ -9,8 +9,6 @@ use sha2::{Digest, Sha256};
 
 /// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
 pub const ID_LENGTH: usize = 64;
-/// Longest name of a commit, a branch, a machine or an adapter.
-const NAME_LENGTH: usize = 250;
 /// Widest column of a table: `format!` pads to 65,535 characters at most.
 const COLUMN_WIDTH: usize = 1000;
 /// Characters of a name that a file's name keeps.
@@ -167,14 +165,6 @@ pub fn check_id(id: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether a name that a user, a repository or a worker gives can stand in every table.
-pub fn check_length(what: &str, name: &str) -> Result<(), String> {
-    match name.chars().count() {
-        ..=NAME_LENGTH => Ok(()),
-        count => Err(format!("the {what} has {count} characters; the most are {NAME_LENGTH}")),
-    }
-}
-
 /// Rows whose cells stand below one another, but for the last and those wider than `COLUMN_WIDTH`.
 pub fn columns<R: AsRef<[String]>>(rows: &[R]) -> Vec<String> {
     let rows = || rows.iter().map(AsRef::as_ref);
@@ -325,7 +315,6 @@ mod tests {
             let padding = " ".repeat(length.min(COLUMN_WIDTH) - 1);
             let expected = [format!("{}  b", "µ".repeat(length)), format!("a{padding}  c")];
             assert!(columns(&rows) == expected, "{length}");
-            assert_eq!(check_length("branch", &rows[0][0]).is_ok(), length == 3);
         }
     }
 

@@ -27,6 +27,8 @@ use tempfile::TempDir;
 use super::commands::{ExitResult, INTERRUPT, INTERRUPTED, gpu_options, watch_interrupts};
 use super::compare_args::CompareArgs;
 
+/// Label of a side that a command of the shell starts. Its text may hold secrets.
+const COMMAND: &str = "command";
 /// Where GitHub Actions takes Markdown for a job's page.
 const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 
@@ -151,7 +153,7 @@ impl PreparedSide {
         let (label, commit, path) = match ran {
             WorkerSource::Command(text) => {
                 let start = WorkerStart { environment, ..WorkerStart::from_command(text) };
-                let program = Program { label: private::program(text), start };
+                let program = Program { label: COMMAND.to_owned(), start };
                 return Ok(Self { program, _aside: None, _shader_cache: None });
             }
             WorkerSource::Program(path) => (private::path(&path), None, path),

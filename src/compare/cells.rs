@@ -120,14 +120,6 @@ mod tests {
     use fathom_harness::catalog::Catalog;
 
     #[test]
-    fn names_of_stages_hold_no_space() {
-        let toml = "title = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\nstages = [\"blur µ|1\"]\n[[sweep]]\nid = \"one\"\n";
-        let experiment = Experiment::parse("own", &format!("id = \"own\"\n{toml}")).unwrap();
-        let fault = Gates::from_experiment(&experiment).unwrap_err().to_string();
-        assert!(fault.contains("stage `blur µ|1` must hold no space"), "{fault}");
-    }
-
-    #[test]
     fn encoding_of_all_stages_stands_before_the_making_of_pipelines() {
         let stages = ["a/x", "encode:*", "create", "a/y"].map(str::to_owned).to_vec();
         let expanded = with_all_encoded(GateConfiguration { stages, ..Default::default() });
@@ -203,6 +195,7 @@ mod tests {
             ("", "lists no `stages`"),
             (&one("A b", "[\"x\"]"), "lower-case"),
             (&one("a", "[]"), "cell `a` lists no `stages`"),
+            (&one("a", "[\"x µ|1\"]"), "stage `x µ|1` must hold no space"),
             (&one("a", "[\"x\", \"x\"]"), "stage `x` is listed twice"),
             ("stages = [\"x\"]\n[[sweep]]\n", "a sweep needs an `axis` or an `id`"),
             (&format!("control = \"a y\"\n{}", one("a", "[\"x\"]")), "`a y` is no cell"),

@@ -3,9 +3,9 @@
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{ChildStdin, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -14,8 +14,8 @@ use thiserror::Error;
 use super::environment::{self, Environment};
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use fathom_base::process::{ProcessTree, StderrReader};
+use fathom_base::quiet;
 pub use fathom_base::quiet::{Quiet, allowed_cores};
-use fathom_base::{quiet, text};
 use fathom_gpu as gpu;
 use fathom_gpu::ClockPlan;
 use fathom_record::MachineState;
@@ -172,8 +172,8 @@ impl WorkerStart {
 pub struct WorkerProcess {
     name: &'static str,
     tree: ProcessTree,
-    /// Lines for its standard input, which it may leave unread. None after the last.
-    requests: Option<Sender<String>>,
+    /// None after the last request.
+    requests: Option<ChildStdin>,
     replies: Receiver<std::io::Result<String>>,
     errors: Option<StderrReader>,
     request: RequestKind,
@@ -211,12 +211,8 @@ impl WorkerProcess {
         if let Some(output) = tree.child.stdout.take() {
             std::thread::spawn(move || read_replies(output, &sender));
         }
-        let (requests, written) = channel();
-        if let Some(input) = tree.child.stdin.take() {
-            std::thread::spawn(move || write_requests(input, &written));
-        }
         let errors = tree.child.stderr.take().map(StderrReader::start);
-        let (requests, request) = (Some(requests), RequestKind::Hello);
+        let (requests, request) = (tree.child.stdin.take(), RequestKind::Hello);
         Ok(Self { name: start.name, tree, requests, replies, errors, request })
     }
 
@@ -227,7 +223,8 @@ impl WorkerProcess {
         }
         self.request = request.into();
         let line = serde_json::to_string(request).unwrap_or_default() + "\n";
-        let sent = self.requests.as_ref().is_some_and(|requests| requests.send(line).is_ok());
+        let requests = self.requests.as_mut();
+        let sent = requests.is_some_and(|requests| requests.write_all(line.as_bytes()).is_ok());
         if sent { Ok(()) } else { Err(self.exit_fault()) }
     }
 
@@ -297,10 +294,7 @@ impl WorkerProcess {
     /// What the worker says of itself, if it speaks this protocol.
     pub fn greet(&mut self, waiting: &ReplyWait<'_>) -> Result<Greeting, WorkerFault> {
         match self.receive(waiting)? {
-            Reply::Hello(greeting) => match long_name(&greeting) {
-                None => Ok(*greeting),
-                Some(fault) => Err(self.garbage(&fault)),
-            },
+            Reply::Hello(greeting) => Ok(*greeting),
             other => Err(self.unexpected(&other)),
         }
     }
@@ -376,19 +370,6 @@ impl WorkerProcess {
     }
 }
 
-/// Why a worker cannot be named in tables.
-fn long_name(Greeting { adapter, fathom_version, .. }: &Greeting) -> Option<String> {
-    let names = [
-        ("version", fathom_version),
-        ("adapter's name", &adapter.name),
-        ("adapter's backend", &adapter.backend),
-        ("adapter's device_type", &adapter.device_type),
-        ("adapter's driver", &adapter.driver),
-        ("adapter's driver_info", &adapter.driver_info),
-    ];
-    names.into_iter().find_map(|(what, name)| text::check_length(what, name).err())
-}
-
 /// Why these cannot be the times of so many frames, taken one after the other within a request that took so long by this process's clock.
 fn implausibility(ns: &[f64], frames: u32, request_ns: f64) -> Option<String> {
     // On one core no process has more CPU time than the wall has; where none can be chosen it may have that of all.
@@ -433,15 +414,6 @@ fn parse_protocol(line: &str) -> Option<u32> {
     let greeting: Value = serde_json::from_str(line).ok()?;
     let version = greeting.get("protocol")?.as_u64()?;
     Some(u32::try_from(version).unwrap_or(u32::MAX))
-}
-
-/// Writes line after line until there are no more or nobody reads them.
-fn write_requests(mut input: impl Write, requests: &Receiver<String>) {
-    while let Ok(line) = requests.recv() {
-        if input.write_all(line.as_bytes()).is_err() {
-            return;
-        }
-    }
 }
 
 /// Hands on line after line until the output ends or nobody listens.

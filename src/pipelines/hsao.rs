@@ -47,7 +47,7 @@ impl Pipeline for Hsao {
         let hard = params.hsao.attenuation == settings::Attenuation::Hard;
         let of_buffer = resources.with_size_hint("view × hsao.scale");
         let textures = &seen.gbuffer;
-        let march = march::new(&of_buffer, &seen.shared, textures, &uniforms, hard)?;
+        let march = march::new(&of_buffer, &seen.shared, textures, &uniforms, hard, None)?;
         let march = of_buffer.push(march);
         let filter = params.hsao.filter.then_some((&bilateral::HSAO, &params.filter));
         let composed =

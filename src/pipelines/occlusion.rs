@@ -6,15 +6,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::settings::{Animation, Attenuation, Deform};
+use super::settings::{Animation, Attenuation};
 use super::{ErrorPicture, Errors, Judge, JudgeError, ReferenceCache};
 use fathom_gpu::{Pixels, read_texture};
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::cache::AnswerKey;
-use fathom_reference::deform::{Moment, Motion};
+use fathom_reference::deform::Moment;
 use fathom_reference::occlusion::{self as reference, occlusion, occlusion_through};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, Material, Object, Scene};
+use fathom_scene::{Camera, Material, Motion, Object, Scene};
 use fathom_stages::gbuffer::GBuffer;
 use image::{Rgb, RgbImage};
 
@@ -200,7 +200,7 @@ impl GeometryCache {
         {
             return Rc::clone(tracer);
         }
-        let tracer = Rc::new(match motion_of(animation) {
+        let tracer = Rc::new(match animation.motion() {
             Some(motion) => {
                 let moved = |object| move_object(object, motion, animation);
                 Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())
@@ -232,15 +232,6 @@ fn digest(scene: &Scene) -> String {
     };
     let bounds = AnswerKey::new("scene").with(format!("{:?}", scene.solid_bounds()).as_bytes());
     scene.objects.iter().fold(bounds, of_object).digest()
-}
-
-fn motion_of(animation: &Animation) -> Option<Motion> {
-    match animation.deform {
-        Deform::None => None,
-        Deform::Spin => Some(Motion::Spin),
-        Deform::Twist => Some(Motion::Twist),
-        Deform::Wave => Some(Motion::Wave),
-    }
 }
 
 /// The object at a moment, by the f64 twin of `scene/deform`. Its normals stay as they were: rays need none.

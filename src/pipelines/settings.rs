@@ -7,13 +7,13 @@ use fathom_base::choices;
 use fathom_base::parameter::{ParamError, check_range};
 use fathom_base::settings;
 use fathom_gpu::GpuError;
-use fathom_scene::{Bounds, Camera, Grid, Light, Scene, VolumeFile, Water};
+use fathom_scene::{Bounds, Camera, Grid, Light, Motion, Scene, VolumeFile, Water};
 use fathom_stages::ao::glass::GlassUniforms;
 use fathom_stages::bilateral::BilateralUniforms;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 pub use fathom_stages::marching::{Attenuation, R_MAX_SHARE};
-use fathom_stages::scene::deform::{self, MotionKind};
+use fathom_stages::scene::deform;
 use fathom_stages::transfer::map::MapUniforms;
 use fathom_stages::voxel::slicemap::Rasterizer;
 use fathom_stages::{Stage, uniforms};
@@ -177,6 +177,16 @@ settings! {
 }
 
 impl Animation {
+    /// None where the geometry rests.
+    pub fn motion(&self) -> Option<Motion> {
+        match self.deform {
+            Deform::None => None,
+            Deform::Spin => Some(Motion::Spin),
+            Deform::Twist => Some(Motion::Twist),
+            Deform::Wave => Some(Motion::Wave),
+        }
+    }
+
     /// Cycles since time 0.
     pub fn cycles(&self) -> f64 {
         self.rate_hz * self.time_s
@@ -216,12 +226,7 @@ pub fn deform(
     scene: &Scene,
     animation: &Animation,
 ) -> Result<Option<Stage>, GpuError> {
-    let motion = match animation.deform {
-        Deform::None => return Ok(None),
-        Deform::Spin => MotionKind::Spin,
-        Deform::Twist => MotionKind::Twist,
-        Deform::Wave => MotionKind::Wave,
-    };
+    let Some(motion) = animation.motion() else { return Ok(None) };
     let (cycles, amplitude) = (animation.cycles(), animation.amplitude);
     deform::new(resources, geometry, scene, motion, cycles, amplitude).map(Some)
 }

@@ -58,6 +58,7 @@ impl Pipeline for VolumeAo {
             (textures, view_projection),
             &marching,
             params.buffer_px(),
+            None,
         )?;
         let march = of_buffer.push(march);
         let filter = params.ao.filter.then_some((&bilateral::AO, &params.filter));

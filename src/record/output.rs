@@ -1,10 +1,8 @@
 //! The folder that a run or a comparison writes to.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use itertools::Itertools;
-use jiff::Timestamp;
 use thiserror::Error;
 
 use super::calendar;
@@ -22,8 +20,6 @@ const ELSEWHERE: &str = "fathom-runs";
 pub const RECORDS: &str = "records.jsonl";
 /// Name of the folder of pictures, in a run's folder.
 pub const PICTURES: &str = "renders";
-/// Bytes written to see whether the folder takes any: more than a cell's record.
-const PROBE_BYTES: usize = 1 << 20;
 
 #[derive(Debug, Error)]
 pub enum OutputError {
@@ -128,7 +124,7 @@ impl LockedFolder {
 
     /// Takes the folder that is asked for, else one in `default_folder` that is named after this and the time.
     pub fn lock_named(folder: Option<&Path>, name: &str) -> Result<Self, OutputError> {
-        let fresh = || format!("{name}-{}", calendar::compact(Timestamp::now()));
+        let fresh = || format!("{name}-{}", calendar::compact_now());
         let default = || default_folder(Path::new("")).join(fresh());
         Self::lock_free(&folder.map_or_else(default, Path::to_owned))
     }
@@ -183,7 +179,7 @@ fn default_folder(current: &Path) -> PathBuf {
 }
 
 impl Recording {
-    /// Makes the folder and tries that it can be written to, before anything is measured. Without
+    /// Makes the folder before anything is measured. Without
     /// `asked` a new folder under `default_folder` is named after the adapter, the profile and the time.
     pub fn create(
         asked: Option<&Path>,
@@ -204,7 +200,8 @@ impl Recording {
 
     fn open_run(taken: LockedFolder) -> Result<Self, OutputError> {
         let path = taken.output.folder.clone();
-        probe(&taken.output).map_err(|source| OutputError::Unwritable { path, source })?;
+        let made = Dir::make(&path).and_then(|folder| folder.make_beneath(PICTURES));
+        made.map_err(|source| OutputError::Unwritable { path, source })?;
         taken.open(FolderKind::Run)
     }
 }
@@ -218,15 +215,6 @@ pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String 
         PictureKind::Error => "~error",
     };
     format!("{PICTURES}/{experiment}_{cell}{ending}.png")
-}
-
-/// Makes the folder of pictures and writes a file the size of several records, which leaves nothing.
-fn probe(output: &OutputFolder) -> std::io::Result<()> {
-    let folder = Dir::make(&output.folder)?;
-    folder.make_beneath(PICTURES)?;
-    let mut file = tempfile::tempfile_in(folder.path())?;
-    file.write_all(&vec![0; PROBE_BYTES])?;
-    file.sync_all()
 }
 
 /// Beginning of the name of a run's folder.

@@ -8,9 +8,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value};
 
-/// Groups that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
-const MAX_KNOWN: usize = 1 << 14;
-
 /// A tree of parameters. Each of its groups is held once, by whatever number of cells.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(from = "Map<String, Value>")]
@@ -28,9 +25,6 @@ thread_local! {
 fn shared(name: String, value: Value) -> ParamGroup {
     let key = format!("{name}:{value}");
     KNOWN.with_borrow_mut(|known| {
-        if known.len() > MAX_KNOWN {
-            known.clear();
-        }
         known.entry(key).or_insert_with(|| Arc::new((name, value))).clone()
     })
 }
@@ -89,13 +83,5 @@ mod tests {
         assert_eq!(one.lookup("b.x"), Some(&json!([1, 2])));
         assert_eq!((one.lookup("b.z"), one.lookup("c"), one.lookup("")), (None, None, None));
         assert_eq!(Value::Object(one.to_map()), tree(1));
-    }
-
-    #[test]
-    fn no_more_groups_are_remembered_than_may_be() {
-        for n in 0..3 * MAX_KNOWN {
-            let _ = Params::from(json!({ "a": n }));
-        }
-        assert!(KNOWN.with_borrow(HashMap::len) <= MAX_KNOWN + 1);
     }
 }

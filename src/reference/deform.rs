@@ -5,20 +5,10 @@ use glam::{DQuat, DVec3};
 
 use std::f64::consts::TAU;
 
-use fathom_scene::Mesh;
+use fathom_scene::{Mesh, Motion};
 
 /// Length of the steps relative to the object's height: the error of central differences is its square.
 const STEP: f64 = 1e-5;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motion {
-    /// Turns about the vertical axis through the foot.
-    Spin,
-    /// Swings about it, the top by `amplitude` turns.
-    Twist,
-    /// Moves along the normal by `amplitude` of the height, one wave over the height.
-    Wave,
-}
 
 /// An object's motion at a moment.
 #[derive(Clone, Copy, Debug, PartialEq)]

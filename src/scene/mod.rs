@@ -96,6 +96,17 @@ pub enum Optics {
 
 choices!(Optics);
 
+/// How an object moves; its `amplitude` is a setting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// Turns about the vertical axis through the foot.
+    Spin,
+    /// Swings about it, the top by `amplitude` turns.
+    Twist,
+    /// Moves along the normal by `amplitude` of the height, one wave over the height.
+    Wave,
+}
+
 settings! {
     /// How a surface looks.
     pub struct Material {

@@ -1,7 +1,8 @@
 //! `scene/deform` against f64, vertex by vertex.
 
 use crate::prelude::*;
-use fathom_reference::deform::{Moment, Motion};
+use fathom_reference::deform::Moment;
+use fathom_scene::Motion;
 use fathom_stages::scene::deform;
 
 const STAGE: &str = "scene/deform";
@@ -15,22 +16,18 @@ const POSITION_M: f64 = 2.5e-3;
 const NORMAL: f64 = 5e-3;
 
 pub fn cases() -> Vec<Case> {
-    [
-        (Motion::Spin, deform::MotionKind::Spin, "spin"),
-        (Motion::Twist, deform::MotionKind::Twist, "twist"),
-        (Motion::Wave, deform::MotionKind::Wave, "wave"),
-    ]
-    .map(|motion| Case::new(STAGE, motion.2, move |rig| check(rig, motion)))
-    .into()
+    let motions = [(Motion::Spin, "spin"), (Motion::Twist, "twist"), (Motion::Wave, "wave")];
+    let what = |(_, name): (Motion, &str)| name.to_owned();
+    Case::each(STAGE, motions, what, check).collect()
 }
 
 /// A vertex's position and normal.
 type VertexPair = [DVec3; 2];
 
-fn check(rig: &Rig<'_>, (motion, of_stage, name): (Motion, deform::MotionKind, &str)) -> Checks {
+fn check(rig: &Rig<'_>, (motion, name): (Motion, &str)) -> Checks {
     let scene = Scene::load(SCENE)?;
     let geometry = Geometry::new(rig, &scene);
-    rig.run(&[&deform::new(rig, &geometry, &scene, of_stage, CYCLES, AMPLITUDE)?])?;
+    rig.run(&[&deform::new(rig, &geometry, &scene, motion, CYCLES, AMPLITUDE)?])?;
     let words: Vec<f32> = rig.read(&geometry.vertices)?;
     let vector = |v: &[f32]| Vec3::from_slice(v).as_dvec3();
     let found: Vec<VertexPair> =

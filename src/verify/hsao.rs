@@ -37,7 +37,7 @@ fn shade(
     attenuation: Obscurity,
 ) -> Result<Image> {
     let hard = attenuation == Obscurity::Hard;
-    let stage = march::new(rig, &fixture.shared, gbuffer, settings, hard)?;
+    let stage = march::new(rig, &fixture.shared, gbuffer, settings, hard, None)?;
     Ok(rig.draw(&[&stage], stage.texture(), 0)?.map(|visibility| 1.0 - visibility))
 }
 

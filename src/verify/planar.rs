@@ -8,7 +8,7 @@ use fathom_stages::pool::Pool;
 const SIZE: [u32; 2] = [160, 120];
 const TEXELS: u32 = 37;
 const FLOOR_DEPTH_M: f64 = 2.0;
-/// Waves are steep, so that many photons meet walls.
+/// Of the waves, up to which the walls reach.
 const AMPLITUDE_M: f64 = 0.12;
 const GAMMA_PER_M: f64 = 0.13;
 
@@ -27,7 +27,6 @@ fn pool(center_m: [f64; 2], half_size_m: [f64; 2]) -> Result<Scene> {
     scene.light.half_extent_m = 0.0;
     scene.water = Water {
         amplitude_m: AMPLITUDE_M,
-        noise_tile_m: 4.0,
         attenuation_per_m: GAMMA_PER_M,
         center_m,
         half_size_m,

@@ -152,16 +152,6 @@ fn a_comment_stays_short_and_begins_with_what_is_worst() {
     assert_eq!(lines[9], "- and 35 more");
 }
 
-#[test]
-fn names_in_a_comment_are_no_markup() {
-    let name = "tank @all/`x`<img>](http://x) #1\n### y";
-    let mut named = Stored::new(&[name]).counted(name).times(name, false, 1.5, 0.004);
-    named.header.head.label = "</details> @all".to_owned();
-    let parts =
-        ["- `` tank @all/`x`<img>](http://x) #1 ### y ``: slower", "→ </details> @all (0.1.0)` on"];
-    holds(&comment(named), &parts);
-}
-
 /// What scatters is told before what follows from it, in each form.
 #[test]
 fn noise_is_told_before_the_verdicts() {

@@ -202,6 +202,7 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
         plain(format, &String::from_utf8([output.stdout, output.stderr].concat()).unwrap());
     }
     markdown_is_sound(&place.read("out/summary.md"));
+    markdown_is_sound(&place.read("out/comment.md"));
     xml_is_sound("junit.xml", &place.read("out/junit.xml"));
 }
 

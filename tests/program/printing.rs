@@ -6,7 +6,7 @@ use std::process::Stdio;
 
 use fathom::record::comparison::Compared;
 
-use crate::common::{Ends, Place, SMALL, by_shell, cells, fathom, skipped_cell, write_records};
+use crate::common::{Ends, Place, SMALL, cells, fathom, skipped_cell, write_records};
 
 /// A stream on a device that is always full.
 fn full() -> Stdio {
@@ -54,21 +54,6 @@ fn reports_are_written_whatever_can_be_printed() {
     // An error keeps its status where it cannot be told.
     fathom("report no/such/folder").stderr(full()).ends(2);
     fathom("fetch no-such-asset").stdout(full()).stderr(full()).ends(2);
-}
-
-/// A file that gets the number of a closed stream would be written into by whatever prints.
-#[test]
-fn closed_streams_write_into_no_file() {
-    let (place, open) = (recorded(), recorded());
-    let before = place.read("run/records.jsonl");
-    let closed = |words: &str| by_shell("\"$0\" \"$@\" >&- 2>&-", &place.fathom(words));
-    closed("report run").ends(0);
-    assert_eq!(place.read("run/records.jsonl"), before);
-    open.fathom("report run").ends(0);
-    for file in ["run/summary.md", "run/cells.csv"] {
-        assert_eq!(place.read(file), open.read(file), "{file}");
-    }
-    closed("list").ends(0);
 }
 
 /// Records before progress, tables before the one that is printed, pictures and dumps. What was not measured stays status 2.

@@ -65,34 +65,3 @@ pub(super) fn thread_ns() -> f64 {
     }
     wall_ns()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const CHILD: &str = "frame::host_clock::tests::child_that_waits";
-
-    #[test]
-    #[ignore = "run by `waiting_takes_wall_time_and_no_cpu_time`, in a process where nothing else runs"]
-    fn child_that_waits() {
-        let (wall, cpu) = (HostClock::Wall.now_ns(), HostClock::ProcessCpu.now_ns());
-        std::thread::sleep(std::time::Duration::from_millis(200));
-        let spent_ns = HostClock::ProcessCpu.now_ns() - cpu;
-        let waited_ns = HostClock::Wall.now_ns() - wall;
-        assert!(waited_ns >= 200e6, "{waited_ns}");
-        // A machine of any load gives a process that waits no CPU time.
-        assert!((0.0..0.5 * waited_ns).contains(&spent_ns), "{spent_ns} of {waited_ns}");
-    }
-
-    #[test]
-    fn waiting_takes_wall_time_and_no_cpu_time() {
-        if !HostClock::ProcessCpu.is_there() {
-            return;
-        }
-        let program = std::env::current_exe().unwrap();
-        let mut child = std::process::Command::new(program);
-        let output = child.args(["--exact", CHILD, "--ignored"]).output().unwrap();
-        let stdout = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success() && stdout.contains("1 passed"), "{stdout}");
-    }
-}

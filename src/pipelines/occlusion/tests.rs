@@ -1,5 +1,6 @@
 use super::fixtures::{camera, corner, gbuffer};
 use super::*;
+use crate::settings::Deform;
 use fathom_scene::Mesh;
 
 fn question(scale: u32) -> OcclusionQuery {

@@ -202,27 +202,3 @@ fn what_is_not_measured_in_the_same_way_is_told_and_not_compared() {
     assert!(line("measured in another way").contains(&format!("scene {scene} → elsewhere")));
     assert!(line("not compared: another clock").contains("(13 not compared"), "{text}");
 }
-
-#[test]
-fn no_comparison_takes_more_than_sixty_lines() {
-    let mut random = Pcg64::seed_from_u64(3);
-    let [mut base, mut head] = [fixtures::run(), fixtures::run()];
-    for cell in fixtures::cells(&mut head) {
-        let drop = random.random::<f64>() < 0.2;
-        let Some(measured) = cell.measured_mut() else { continue };
-        measured.allocated_bytes += 1;
-        for stage in &mut measured.stages {
-            let factor = (4.0 * random.random::<f64>()).exp();
-            stage.samples_ns.iter_mut().for_each(|ns| *ns *= factor);
-            stage.time = estimate(&stage.samples_ns);
-            (stage.work.photons, stage.work.fragments) = (1, 1);
-        }
-        if drop {
-            cell.cell += " elsewhere";
-        }
-    }
-    base[0].try_as_run_mut().unwrap().adapter.host_threads = 99;
-    let text = changes(base, head).into_text();
-    assert!(text.lines().count() <= 60, "{text}");
-    assert!(text.contains("… and "), "{text}");
-}

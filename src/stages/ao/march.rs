@@ -42,18 +42,8 @@ impl Draws {
 
 /// The occlusion buffer, 1 − A, 1 where nothing was drawn, has `size_px` pixels; it may be smaller than the viewport. Rectangles of the
 /// pixels that volumes can reach follow from `view_projection`, world to clip space.
+/// With `counters` the shader also counts: see [`count`].
 pub fn new(
-    resources: &Resources<'_>,
-    shared: &Shared,
-    volumes: &[Voxels],
-    seen: (&GBuffer, DMat4),
-    marching: &Marching,
-    size_px: [u32; 2],
-) -> Result<Stage<wgpu::Texture>, GpuError> {
-    build(resources, shared, volumes, seen, marching, size_px, None)
-}
-
-fn build(
     resources: &Resources<'_>,
     shared: &Shared,
     volumes: &[Voxels],
@@ -134,7 +124,7 @@ pub fn count(
 ) -> Result<MarchCounts, GpuError> {
     let resources = &Resources::new(gpu);
     let counters = Counters::new(resources, "ao/march counters", 3);
-    let march = build(resources, shared, volumes, seen, marching, size_px, Some(&counters))?;
+    let march = new(resources, shared, volumes, seen, marching, size_px, Some(&counters))?;
     gpu.run(&[&march])?;
     let sums = counters.sums(gpu)?;
     Ok(MarchCounts { samples: sums[0], lookups: sums[1], fragments: sums[2] })

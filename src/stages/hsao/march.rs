@@ -43,18 +43,8 @@ impl HorizonUniforms {
 }
 
 /// The occlusion buffer, 1 − A, 1 where nothing was drawn, has `settings.size_px` pixels; it may be smaller than the viewport. `hard`:
-/// occluders weigh the same at any distance up to r_max.
+/// occluders weigh the same at any distance up to r_max. With `counters` the shader also counts: see [`count`].
 pub fn new(
-    resources: &Resources<'_>,
-    shared: &Shared,
-    gbuffer: &GBuffer,
-    settings: &HorizonUniforms,
-    hard: bool,
-) -> Result<Stage<wgpu::Texture>, GpuError> {
-    build(resources, shared, gbuffer, settings, hard, None)
-}
-
-fn build(
     resources: &Resources<'_>,
     shared: &Shared,
     gbuffer: &GBuffer,
@@ -99,7 +89,7 @@ pub fn count(
 ) -> Result<HorizonCounts, GpuError> {
     let resources = Resources::new(gpu);
     let counters = Counters::new(&resources, "hsao/march counters", 2);
-    let march = build(&resources, shared, gbuffer, settings, hard, Some(&counters))?;
+    let march = new(&resources, shared, gbuffer, settings, hard, Some(&counters))?;
     gpu.run(&[&march])?;
     let sums = counters.sums(gpu)?;
     Ok(HorizonCounts { samples: sums[0], fragments: sums[1] })

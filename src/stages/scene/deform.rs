@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use crate::geometry::Geometry;
 use crate::prelude::*;
-use fathom_scene::Scene;
+use fathom_scene::{Motion, Scene};
 
 pub const INFO: StageInfo = StageInfo {
     name: "scene/deform",
@@ -18,13 +18,6 @@ pub const INFO: StageInfo = StageInfo {
 
 /// Floats of a vertex: position, normal, material.
 const STRIDE: usize = 7;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MotionKind {
-    Spin,
-    Twist,
-    Wave,
-}
 
 shader_struct! {
     /// `Deform` in `shaders/scene/deform.wgsl`.
@@ -64,7 +57,7 @@ pub fn new(
     resources: &Resources<'_>,
     geometry: &Geometry,
     scene: &Scene,
-    motion: MotionKind,
+    motion: Motion,
     cycles: f64,
     amplitude: f64,
 ) -> Result<Stage, GpuError> {
