@@ -8,7 +8,7 @@ use crate::shift::excludes_none;
 use fathom_base::statistics::{self, PairSlope};
 use fathom_record::{Estimate, FrameRecord, Run};
 
-/// Scatter of one frame's time beyond which a run is noisy. On llvmpipe it is 2.5 % in the median cell of `reports/llvmpipe`, and
+/// Scatter of one frame's time beyond which a run is noisy. On llvmpipe it was 2.5 % in the median cell of a quiet run, and
 /// 12 % on a machine that shares its host. At 5 % a cell needs 38 samples for ±2 %, three times what a short run takes of it.
 const SCATTER: f64 = 0.05;
 /// Share of the machine's cores that others keep busy, beyond which a run is noisy: on two cores a process that works a fifth of
