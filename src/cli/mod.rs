@@ -22,7 +22,7 @@ use crate::process::take_size_limit_as_error;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
 use crate::record::{Feature, Mask, Part, Profile};
-use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
 use strum::IntoEnumIterator;
@@ -401,7 +401,7 @@ fn not_parsed(error: clap::Error) -> ExitCode {
     {
         print::failed_if(error.print());
     } else {
-        print::note(one_line(&error.render().to_string(), tip_fits(&error)));
+        print::note(one_line(&error.render().to_string()));
     }
     match error.exit_code() {
         0 => exit_status(Ok(ExitCode::SUCCESS)),
@@ -409,24 +409,15 @@ fn not_parsed(error: clap::Error) -> ExitCode {
     }
 }
 
-/// Whether clap's guess at the option that was meant begins as the one that was written: it also guesses `--allow-large` for
+/// clap's message up to its usage, and its tips; a guess at an option only where it begins as what was written, unlike `--allow-large` for
 /// `--parallel`.
-fn tip_fits(error: &clap::Error) -> bool {
-    let initial = |kind| match error.get(kind) {
-        Some(ContextValue::String(option)) => option.trim_start_matches('-').chars().next(),
-        _ => None,
-    };
-    let meant = initial(ContextKind::SuggestedArg);
-    meant.is_none() || meant == initial(ContextKind::InvalidArg)
-}
-
-/// clap's message without its usage: up to the first empty line, and its tips if they fit.
-fn one_line(message: &str, tip_fits: bool) -> String {
+fn one_line(message: &str) -> String {
     let lines = message.lines().map(str::trim);
     let head = lines.clone().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
-    let is_of_use =
-        |line: &&str| tip_fits && line.starts_with("tip:") && !line.contains(" as a value, use ");
-    let tips = lines.filter(is_of_use);
+    let initial = |line: &str| line.split("'--").nth(1).and_then(|option| option.chars().next());
+    let fits = |tip: &&str| initial(tip).is_none_or(|letter| initial(&head) == Some(letter));
+    let is_of_use = |line: &&str| line.starts_with("tip:") && !line.contains(" as a value, use ");
+    let tips = lines.filter(is_of_use).filter(fits);
     std::iter::once(head.as_str()).chain(tips).collect::<Vec<_>>().join("; ")
 }
 

@@ -8,12 +8,14 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
-use anyhow::{Context, Error, Result, anyhow, bail};
+use anyhow::{Error, Result, anyhow, bail};
 use itertools::Itertools;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
+use fathom_base::folder::Dir;
+use fathom_base::input;
 use fathom_base::process::{self, Limits, ProcessError, git};
 use fathom_harness::catalog::CargoTarget;
 use fathom_record::{Build, FolderLock};
@@ -231,12 +233,14 @@ fn executable(messages: &str, binary: &str) -> Option<PathBuf> {
 
 /// Copies a program into the cache. It appears there whole or not at all.
 pub fn store_program(built: &Path, program: &Path) -> Result<()> {
-    let part = program.with_extension("part");
-    let made = std::fs::create_dir_all(program.parent().unwrap_or(Path::new(".")));
-    let copied = made.and_then(|()| std::fs::copy(built, &part));
-    copied
-        .and_then(|_| std::fs::rename(part, program))
-        .with_context(|| format!("cannot copy {} to {}", built.display(), program.display()))
+    let folder = Dir::make(program.parent().unwrap_or(Path::new("."))).map_err(Error::msg)?;
+    let copied = input::open(built).and_then(|mut source| {
+        folder.write_with(program.file_name().unwrap_or_default(), |file| {
+            std::io::copy(&mut source, file)?;
+            file.set_permissions(source.metadata()?.permissions())
+        })
+    });
+    copied.map_err(|error| anyhow!("cannot copy {}: {error}", built.display()))
 }
 
 /// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.

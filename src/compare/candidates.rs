@@ -14,7 +14,7 @@ use super::build::{self, Worktree};
 use super::flow::Program;
 use super::launch::WorkerStart;
 use fathom_base::process::{self, Limits, ProcessError};
-use fathom_base::{input, text};
+use fathom_base::{input, private, text};
 use fathom_gpu as gpu;
 use fathom_harness::catalog::CargoTarget;
 
@@ -74,6 +74,8 @@ impl SearchSpace {
             Self::Lines { list, .. } => lines(list)?,
         };
         ensure!(candidates.len() > 1, "a search needs two candidates or more");
+        let twice = candidates.iter().map(|candidate| &candidate.name).duplicates().next();
+        twice.map_or(Ok(()), |name| Err(anyhow!("{name} is named twice")))?;
         Ok(candidates)
     }
 
@@ -120,8 +122,8 @@ fn lines(list: &Path) -> Result<Vec<Candidate>> {
     let text = input::text(list, input::MAX_TEXT).with_context(|| list.display().to_string())?;
     let lines = text.lines().map(str::trim);
     let named = lines.filter(|line| !line.is_empty() && !line.starts_with('#')).map(|line| {
-        let [name, label] = [line; 2].map(str::to_owned);
-        Candidate { name, label, subject: String::new() }
+        let label = private::redact(line);
+        Candidate { name: line.to_owned(), label, subject: String::new() }
     });
     Ok(named.collect())
 }
@@ -213,8 +215,10 @@ mod tests {
         let found = searched.candidates(folder.path()).unwrap();
         let names: Vec<&str> = found.iter().map(|candidate| &*candidate.name).collect();
         assert_eq!(names, ["a b", "/b/icd.json"]);
-        std::fs::write(&list, "a\n").unwrap();
-        let error = searched.candidates(folder.path()).unwrap_err().to_string();
-        assert!(error.contains("two candidates"), "{error}");
+        for (text, reason) in [("a\n", "two candidates"), ("a\nb\na\n", "named twice")] {
+            std::fs::write(&list, text).unwrap();
+            let error = searched.candidates(folder.path()).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
     }
 }

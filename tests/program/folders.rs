@@ -151,6 +151,7 @@ fn reports_and_what_a_user_names_are_written_through_no_link_and_no_pipe() {
         ("report out", "`index.html` is a symbolic link"),
         ("export csv out -o link", "`link` is a symbolic link"),
         (&format!("render tank -o pipe.png {SMALL}"), "`pipe.png` is a pipe or a device"),
+        ("compare --base-bin pipe.png --out compared", "it is a pipe or a device"),
     ] {
         place.fathom(words).refused(reason);
     }
