@@ -11,21 +11,17 @@ const BEYOND_M: f64 = 1e-6;
 /// Surfaces of a ray that are looked at: it meets few.
 const MAX_SURFACES: usize = 16;
 
-/// The camera's frustum, and what stands in it and beside it.
-pub struct Frustum<'a> {
-    tracer: &'a Tracer,
+/// The camera's frustum.
+pub struct Frustum {
     view_projection: DMat4,
     beyond_m: f64,
 }
 
-impl<'a> Frustum<'a> {
+impl Frustum {
     /// `times` is the scene's size, in times of scene tank.
-    pub fn new(tracer: &'a Tracer, view: &View, times: f64) -> Self {
-        Self {
-            tracer,
-            view_projection: view.camera.view_projection(view.aspect()),
-            beyond_m: BEYOND_M * times,
-        }
+    pub fn new(view: &View, times: f64) -> Self {
+        let view_projection = view.camera.view_projection(view.aspect());
+        Self { view_projection, beyond_m: BEYOND_M * times }
     }
 
     pub fn holds(&self, place: DVec3) -> bool {
@@ -34,16 +30,20 @@ impl<'a> Frustum<'a> {
     }
 
     /// What a ray that ends on a surface would meet behind it.
-    pub fn hits_behind(&self, hit: Hit, direction: DVec3) -> impl Iterator<Item = Hit> {
-        let next =
-            move |hit: &Hit| self.tracer.cast(hit.position, direction, self.beyond_m, f64::MAX);
+    pub fn hits_behind(
+        &self,
+        tracer: &Tracer,
+        hit: Hit,
+        direction: DVec3,
+    ) -> impl Iterator<Item = Hit> {
+        let next = move |hit: &Hit| tracer.cast(hit.position, direction, self.beyond_m, f64::MAX);
         std::iter::successors(next(&hit), next).take(MAX_SURFACES)
     }
 
     /// Whether a ray ends out of view, and would come into view if nothing stood there.
-    pub fn is_hidden_entry(&self, hit: &Hit, direction: DVec3) -> bool {
+    pub fn is_hidden_entry(&self, tracer: &Tracer, hit: &Hit, direction: DVec3) -> bool {
         !self.holds(hit.position)
-            && self.hits_behind(*hit, direction).any(|next| self.holds(next.position))
+            && self.hits_behind(tracer, *hit, direction).any(|next| self.holds(next.position))
     }
 
     /// Whether a photon that ends out of view was found in view, behind that.

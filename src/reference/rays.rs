@@ -96,13 +96,14 @@ impl Tracer {
                 BvhNode::Node {
                     child_l_index, child_l_aabb, child_r_index, child_r_aabb, ..
                 } => {
-                    let met = [(child_l_aabb, child_l_index), (child_r_aabb, child_r_index)];
-                    let [left, right] =
-                        met.map(|(bounds, child)| (entry_m(bounds, origin, inverse), *child));
+                    let left = (entry_m(child_l_aabb, origin, inverse), *child_l_index);
+                    let right = (entry_m(child_r_aabb, origin, inverse), *child_r_index);
                     // The nearer one last, so that it is opened first.
-                    let [first, second] =
-                        if left.0 < right.0 { [right, left] } else { [left, right] };
-                    open.extend([first, second].into_iter().filter(|(entry, _)| *entry <= limit));
+                    for child in if left.0 < right.0 { [right, left] } else { [left, right] } {
+                        if child.0 <= limit {
+                            open.push(child);
+                        }
+                    }
                 }
             }
         }
@@ -176,8 +177,9 @@ fn split_box(polygon: &[DVec3], splits: u32, add: &mut impl FnMut(Bounds)) {
 /// Distance at which a ray enters the box, 0 from inside, by one over its direction; NaN where it misses it.
 #[inline(always)]
 fn entry_m(bounds: &Aabb<f64, 3>, origin: DVec3, inverse: DVec3) -> f64 {
-    let [min, max] = [bounds.min, bounds.max].map(|p| DVec3::new(p.x, p.y, p.z));
-    let (a, b) = ((min - origin) * inverse, (max - origin) * inverse);
+    let (min, max) = (bounds.min, bounds.max);
+    let a = (DVec3::new(min.x, min.y, min.z) - origin) * inverse;
+    let b = (DVec3::new(max.x, max.y, max.z) - origin) * inverse;
     let (mut near, mut far) = (0.0, f64::INFINITY);
     for (a, b) in [(a.x, b.x), (a.y, b.y), (a.z, b.z)] {
         // Neither where zero times infinity is not a number: the ray lies in the plane of a side, and so between the two of this axis.
@@ -226,14 +228,15 @@ impl Axes {
 
     /// Distance and barycentric weights where the ray meets a triangle of either orientation.
     fn intersect(&self, origin: DVec3, corners: &[DVec3; 3]) -> Option<(f64, [f64; 3])> {
-        let [a, b, c] = corners.map(|corner| {
+        let sheared = |corner: DVec3| {
             let p = corner - origin;
             (
                 p[self.x] - self.shear.x * p[self.z],
                 p[self.y] - self.shear.y * p[self.z],
                 self.shear.z * p[self.z],
             )
-        });
+        };
+        let (a, b, c) = (sheared(corners[0]), sheared(corners[1]), sheared(corners[2]));
         let u = c.0 * b.1 - c.1 * b.0;
         let v = a.0 * c.1 - a.1 * c.0;
         let w = b.0 * a.1 - b.1 * a.0;

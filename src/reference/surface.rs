@@ -34,9 +34,12 @@ pub fn enter(water: &Water, origin: DVec3, direction: DVec3, max_distance_m: f64
     let (start, end) = slab(water, origin, direction, max_distance_m)?;
     let steps = ((end - start) / step_m(water, direction)).ceil().clamp(1.0, MAX_STEPS);
     let step = (end - start) / steps;
-    let (mut t0, mut f0) = (start, above(start));
-    for i in 1..=steps as u64 {
-        let t1 = start + step * i as f64;
+    let steepest = direction.y.abs() + direction.x.hypot(direction.z) * water.steepest();
+    let (mut t0, mut f0, mut i) = (start, above(start), 0.0);
+    while i < steps {
+        // Nothing is met within steps that no slope is steep enough for.
+        i = (i + (f0.abs() / (step * steepest)).floor().max(1.0)).min(steps);
+        let t1 = start + step * i;
         let f1 = above(t1);
         if f0 > 0.0 && f1 <= 0.0 {
             let t = root(above, (t0, f0), (t1, f1));
@@ -83,23 +86,24 @@ fn step_m(water: &Water, direction: DVec3) -> f64 {
     feature / STEPS_PER_FEATURE / horizontal.max(1e-3)
 }
 
-/// Root of `f` in (low, high], `f(low) > 0 ≥ f(high)`, to the last representable distance. Secants and halvings take turns: a smooth
-/// surface needs a third of the steps of halving alone.
+/// Root of `f` in (low, high], `f(low) > 0 ≥ f(high)`, to the last representable distance. On a smooth surface the secant comes near it,
+/// and twice the way that is left from there lies beyond it; halvings narrow what is not smooth.
 fn root(f: impl Fn(f64) -> f64, mut low: (f64, f64), mut high: (f64, f64)) -> f64 {
+    let mut last = high;
     for step in 0.. {
         let middle = 0.5 * (low.0 + high.0);
         if middle <= low.0 || middle >= high.0 {
             break;
         }
-        let secant = high.0 - high.1 * (high.0 - low.0) / (high.1 - low.1);
-        let at = if step % 2 == 0 { secant } else { middle };
+        let per_m = (high.1 - low.1) / (high.0 - low.0);
+        let at = match step % 5 {
+            4 => middle,
+            1 | 3 => last.0 - 2.0 * last.1 / per_m,
+            _ => high.0 - high.1 / per_m,
+        };
         let at = at.clamp(low.0.next_up(), high.0.next_down());
-        let value = f(at);
-        if value > 0.0 {
-            low = (at, value);
-        } else {
-            high = (at, value);
-        }
+        last = (at, f(at));
+        *(if last.1 > 0.0 { &mut low } else { &mut high }) = last;
     }
     high.0
 }

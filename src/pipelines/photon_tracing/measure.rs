@@ -14,7 +14,7 @@ use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{Hit, Tracer};
 use fathom_reference::specular::{PathEnd, Surfaces};
-use fathom_scene::{Optics, Scene};
+use fathom_scene::Optics;
 use fathom_stages::geometry::Objects;
 use fathom_stages::photon::{Fate, Photon};
 use fathom_stages::sprites;
@@ -149,7 +149,7 @@ impl PipelineInstance for PhotonTracing {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.landing_errors(judge.gpu, judge.scene)
+        self.landing_errors(judge)
     }
 
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
@@ -163,8 +163,8 @@ impl PipelineInstance for PhotonTracing {
 impl PhotonTracing {
     /// Errors of the last frame's photons. `src/experiments/words.rs` says what each rate counts; `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names. Of large grids an even selection is compared.
-    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, JudgeError> {
-        let mut ends = self.ends(&self.photons.read(gpu)?, scene)?;
+    fn landing_errors(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
+        let mut ends = self.ends(&self.photons.read(judge.gpu)?, judge);
         let median_m = quantile(&mut ends.errors_m, 0.5);
         let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
         let errors = of_all.map(|rate| (rate, ends.rate(rate), "1"));
@@ -185,53 +185,55 @@ impl PhotonTracing {
         Ok(judged)
     }
 
-    fn ends(&self, found: &[Photon], scene: &Scene) -> Result<Tally, JudgeError> {
-        let objects = objects_of(scene, Objects::Solid);
-        let tracer = &Tracer::new(&objects);
+    fn ends(&self, found: &[Photon], judge: &mut Judge<'_>) -> Tally {
+        let scene = judge.scene;
         let view = judged_view(&self.view, scene);
         let (frame, water) = (view.light_frame(), &view.water);
         let bounces = self.params.path_segments() - 1;
         let times = scene.solid_bounds().tank_scale();
-        let surfaces = Surfaces {
-            tracer,
-            objects: &objects,
-            outside: water.refractive_index,
-            top_m: under_water(scene).max.y,
-        };
-        let frustum = Frustum::new(tracer, &view, times);
+        let frustum = Frustum::new(&view, times);
         let in_view = |hit: &&Hit| frustum.holds(hit.position);
         let transfer = &self.params.transfer;
         let found: Vec<_> = found.chunks(self.photons.per_ray as usize).collect();
-        let exact = exact_answers(found.len(), MAX_PHOTONS, |index| {
-            let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
-            let landing = land(&frame, water, tracer, place);
-            let landed = landing.landed()?;
-            let ray = surfaces.ray(landed.entry.position, landed.direction);
-            let PathEnd::Diffuse(hit) = surfaces.trace(ray, bounces) else { return None };
-            let behind = frustum.hits_behind(hit, landed.direction).take_while(|_| bounces == 0);
-            let along: Vec<Hit> = std::iter::once(hit).chain(behind).collect();
-            let places = along.iter().filter(in_view).map(|hit| hit.position);
-            Some(ExactEnd {
-                position: hit.position,
-                in_view: in_view(&&hit),
-                occluder: along.iter().any(|next| next.object != hit.object),
-                kept_out: !in_view(&&hit) && along.iter().any(|next| in_view(&next)),
-                specular: bounces > 0
-                    && objects[landed.hit.object].material.optics != Optics::Diffuse,
-                along: places.collect(),
+        let asked = (&frame, water, &view.camera, view.size_px, transfer, bounces);
+        let content = judge.question("photon ends", &asked);
+        let exact = judge.references.answer(content, |_| {
+            let objects = objects_of(scene, Objects::Solid);
+            let (tracer, top_m) = (&Tracer::new(&objects), under_water(scene).max.y);
+            let surfaces =
+                Surfaces { tracer, objects: &objects, outside: water.refractive_index, top_m };
+            exact_answers(found.len(), MAX_PHOTONS, |index| {
+                let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
+                let landing = land(&frame, water, tracer, place);
+                let landed = landing.landed()?;
+                let ray = surfaces.ray(landed.entry.position, landed.direction);
+                let PathEnd::Diffuse(hit) = surfaces.trace(ray, bounces) else { return None };
+                let behind = frustum.hits_behind(tracer, hit, landed.direction);
+                let behind = behind.take_while(|_| bounces == 0);
+                let along: Vec<Hit> = std::iter::once(hit).chain(behind).collect();
+                let places = along.iter().filter(in_view).map(|hit| hit.position);
+                Some(ExactEnd {
+                    position: hit.position,
+                    in_view: in_view(&&hit),
+                    occluder: along.iter().any(|next| next.object != hit.object),
+                    kept_out: !in_view(&&hit) && along.iter().any(|next| in_view(&next)),
+                    specular: bounces > 0
+                        && objects[landed.hit.object].material.optics != Optics::Diffuse,
+                    along: places.collect(),
+                })
             })
         });
         let mut ends = Tally::default();
-        for (index, exact) in exact {
-            let (hits, wrong_m) = (found[index], WRONG_M * times);
-            ends.add(hits, &exact, wrong_m);
+        for (index, exact) in exact.iter() {
+            let (hits, wrong_m) = (found[*index], WRONG_M * times);
+            ends.add(hits, exact, wrong_m);
             ends.add_along(hits, &exact.along, wrong_m);
             if exact.kept_out {
                 let leaks = |hit| frustum.is_leak(hit, exact.position);
                 ends.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);
             }
         }
-        Ok(ends)
+        ends
     }
 }
 

@@ -48,7 +48,7 @@ impl Underwater {
         let frame = view.light_frame();
         let tracer = judge.references.geometry.tracer(scene, &Animation::default());
         let (mut errors, mut quantities) = (Vec::new(), BTreeMap::new());
-        let frustum = Frustum::new(&tracer, &view, scene.solid_bounds().tank_scale());
+        let frustum = Frustum::new(&view, scene.solid_bounds().tank_scale());
         for (name, stage, settings, photons) in self.grids() {
             let GridSettings { grid: cells, offset, jitter, .. } = settings;
             let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
@@ -67,7 +67,8 @@ impl Underwater {
             judged.iter().zip(&*landings).for_each(|(photon, exact)| found.add(photon, exact));
             let exact = landings.iter().map(|exact| exact.landed());
             let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
-            let kept_out = pairs.filter(|(_, at)| frustum.is_hidden_entry(&at.hit, at.direction));
+            let kept_out =
+                pairs.filter(|(_, at)| frustum.is_hidden_entry(&tracer, &at.hit, at.direction));
             let leaks: Vec<bool> =
                 kept_out.map(|(p, at)| frustum.is_leak(p, at.hit.position)).collect();
             let leaked = leaks.iter().filter(|leaks| **leaks).count();

@@ -62,7 +62,7 @@ fn row(name: &str, samples_ns: &[f64], clock: &str, below_ns: Option<f64>) -> [S
 pub fn packed(page: &Page<'_>) -> String {
     let data = PageData { runs: page.runs.iter().map(|run| CellRows(run.view)).collect() };
     // Without a time in its header.
-    let packer = GzBuilder::new().write(Vec::new(), Compression::best());
+    let packer = GzBuilder::new().write(Vec::new(), Compression::default());
     let mut packer = BufWriter::with_capacity(WRITTEN_AT_ONCE, packer);
     serde_json::to_writer(&mut packer, &data).expect("numbers and names are JSON");
     let packed = packer.into_inner().map_err(|error| error.into_error());
