@@ -4,6 +4,10 @@ use crate::prelude::*;
 use fathom_reference::voxel::{Corners, triangles};
 use fathom_stages::kit::Resources;
 use fathom_stages::voxel::VoxelPart;
+use fathom_stages::voxel::slicemap::SliceAxis;
+
+/// Between the first pixel and this one, [`VoxelScene::tiles`] leave no gaps.
+pub const TILED_PX: u32 = 44;
 
 /// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
 pub struct VoxelScene {
@@ -70,6 +74,42 @@ impl VoxelScene {
             Self::new("slanted quads", Mesh::parallelogram(middle, along, up), grid)
         };
         (0..quads).map(subject).collect()
+    }
+
+    /// Triangles side by side across an axis, each in a slice of its own: all corners and many places of edges are pixels' centres. The larger ones are
+    /// for the raster units. Every second one is moved aside.
+    pub fn tiles(axis: SliceAxis, moved_px: f64) -> Result<Self> {
+        const LINES_PX: [f64; 9] =
+            [0.5, 4.5, 8.5, 12.5, 16.5, 20.5, 28.5, 36.5, TILED_PX as f64 + 0.5];
+        let grid = Grid { cells: [48; 3], origin_m: DVec3::new(-2.5, -1.75, 0.25), voxel_m: 0.125 };
+        let mut random = Random::new(13);
+        let mut corner = |at: [usize; 2]| {
+            at.map(|k| LINES_PX[k] + f64::from(k % 8 > 0) * random.within(-1.5, 1.5).round())
+        };
+        let corners: Vec<_> = (0..81).map(|number| corner([number % 9, number / 9])).collect();
+        let mut mesh = Mesh::default();
+        for first in (0..72).filter(|number| number % 9 < 8) {
+            let [a, b, c, d] = [0, 1, 10, 9].map(|next| corners[first + next]);
+            let halves =
+                if first % 3 > 0 { [[a, b, c], [c, d, a]] } else { [[a, d, b], [b, d, c]] };
+            for half in halves {
+                let number = mesh.indices.len() as u32 / 3;
+                let (slice, aside) =
+                    (f64::from(number % 48) + 0.5, f64::from(number % 2) * moved_px);
+                mesh.positions.extend(half.map(|[column, row]| {
+                    let (column, row) = (column + aside, row + aside);
+                    let place = match axis {
+                        SliceAxis::X => [slice, column, row],
+                        SliceAxis::Y => [column, slice, row],
+                        SliceAxis::Z => [column, row, slice],
+                    };
+                    (grid.origin_m + grid.voxel_m * DVec3::from(place)).as_vec3().to_array()
+                }));
+                mesh.indices.extend([0, 1, 2].map(|corner| 3 * number + corner));
+            }
+        }
+        mesh.recompute_normals();
+        Self::new("tiles", mesh, grid)
     }
 
     /// A scanned surface of small triangles, or its stand-in, fitted with `resolution` voxels.
