@@ -5,6 +5,7 @@ use fathom_reference::voxel::{Corners, triangles};
 use fathom_stages::kit::Resources;
 use fathom_stages::voxel::VoxelPart;
 use fathom_stages::voxel::slicemap::SliceAxis;
+use glam::Vec3Swizzles;
 
 /// Between the first pixel and this one, [`VoxelScene::tiles`] leave no gaps.
 pub const TILED_PX: u32 = 44;
@@ -83,33 +84,24 @@ impl VoxelScene {
             [0.5, 4.5, 8.5, 12.5, 16.5, 20.5, 28.5, 36.5, TILED_PX as f64 + 0.5];
         let grid = Grid { cells: [48; 3], origin_m: DVec3::new(-2.5, -1.75, 0.25), voxel_m: 0.125 };
         let mut random = Random::new(13);
-        let mut corner = |at: [usize; 2]| {
-            at.map(|k| LINES_PX[k] + f64::from(k % 8 > 0) * random.within(-1.5, 1.5).round())
-        };
-        let corners: Vec<_> = (0..81).map(|number| corner([number % 9, number / 9])).collect();
-        let mut mesh = Mesh::default();
-        for first in (0..72).filter(|number| number % 9 < 8) {
+        let mut line =
+            |k: usize| LINES_PX[k] + f64::from(k % 8 > 0) * random.within(-1.5, 1.5).round();
+        let corners: Vec<_> = (0..81).map(|number| [line(number % 9), line(number / 9)]).collect();
+        let halves = (0..72).filter(|first| first % 9 < 8).flat_map(|first| {
             let [a, b, c, d] = [0, 1, 10, 9].map(|next| corners[first + next]);
-            let halves =
-                if first % 3 > 0 { [[a, b, c], [c, d, a]] } else { [[a, d, b], [b, d, c]] };
-            for half in halves {
-                let number = mesh.indices.len() as u32 / 3;
-                let (slice, aside) =
-                    (f64::from(number % 48) + 0.5, f64::from(number % 2) * moved_px);
-                mesh.positions.extend(half.map(|[column, row]| {
-                    let (column, row) = (column + aside, row + aside);
-                    let place = match axis {
-                        SliceAxis::X => [slice, column, row],
-                        SliceAxis::Y => [column, slice, row],
-                        SliceAxis::Z => [column, row, slice],
-                    };
-                    (grid.origin_m + grid.voxel_m * DVec3::from(place)).as_vec3().to_array()
-                }));
-                mesh.indices.extend([0, 1, 2].map(|corner| 3 * number + corner));
-            }
-        }
-        mesh.recompute_normals();
-        Self::new("tiles", mesh, grid)
+            if first % 3 > 0 { [[a, b, c], [c, d, a]] } else { [[a, d, b], [b, d, c]] }
+        });
+        let triangles = halves.zip(0..).flat_map(|(half, number)| {
+            let (aside, slice) = (f64::from(number % 2) * moved_px, f64::from(number % 48) + 0.5);
+            half.map(|[column, row]| {
+                let at = DVec3::new(column + aside, row + aside, slice);
+                let at = [at.zxy(), at.xzy(), at][axis as usize];
+                (grid.origin_m + grid.voxel_m * at).as_vec3().to_array()
+            })
+        });
+        let places: Vec<_> = triangles.collect();
+        let indices = (0..places.len() as u32).collect();
+        Self::new("tiles", Mesh::smooth(places, indices), grid)
     }
 
     /// A scanned surface of small triangles, or its stand-in, fitted with `resolution` voxels.
