@@ -114,12 +114,12 @@ mod tests {
 
     use super::*;
 
-    fn rough(model: WaterModel) -> Water {
+    fn rough(model: WaterModel, amplitude_m: f64, noise: f64) -> Water {
         Water {
             model,
-            amplitude_m: 0.25,
+            amplitude_m,
             wavelength_m: 1.3,
-            noise: 0.5,
+            noise,
             time_s: 0.7,
             half_size_m: [6.0, 6.0],
             ..Water::default()
@@ -135,8 +135,10 @@ mod tests {
         #[test]
         fn entries_lie_on_the_surface_and_are_the_first(
             x in -4.0..4.0f64, z in -4.0..4.0f64, tilt in 0.0..1.2f64, phi in 0.0..std::f64::consts::TAU, circular: bool,
+            amplitude_m in 0.0..0.4f64, noise in 0.0..1.0f64,
         ) {
-            let water = rough(if circular { WaterModel::Circular } else { WaterModel::Directional });
+            let model = if circular { WaterModel::Circular } else { WaterModel::Directional };
+            let water = rough(model, amplitude_m, noise);
             let (origin, direction) = ray(x, z, tilt, phi);
             let entry = enter(&water, origin, direction, 100.0).expect("a ray into the middle enters");
             let p = origin + direction * entry.distance_m;
