@@ -191,6 +191,28 @@ impl Frame<'_> {
         self.open(encoder, name, PassKind::Render).map(|query| query.of_render(true, true))
     }
 
+    /// A call that records and submits by itself, to the device and queue of this clock, as vello, burn and egui do. The device is idle
+    /// before it. The time ends when the device is idle again, and is that of the host clock around both, less the cost of one
+    /// submission: of a call that computes on the CPU before it submits, this is part of it, and so are further submissions. `f` must have
+    /// submitted all when it returns.
+    ///
+    /// `f` runs at once, as it would without a clock: before all commands of the frame's encoder, whatever was opened there before. A
+    /// frame of nothing else ends with an empty encoder. A call that submits nothing is shown below the clock's resolution, unless the
+    /// CPU takes longer. It is waited for in frames without per-pass timing too.
+    ///
+    /// # Errors
+    /// A fault of the device, such as a command in `f` that it refused. The frame cannot be submitted then. An error of `f`
+    /// is the caller's: where it ends the frame, the frame is not sampled.
+    pub fn submission<R>(
+        &mut self,
+        name: &'static str,
+        f: impl FnOnce() -> R,
+    ) -> Result<R, ClockError> {
+        let stage = self.stage(name);
+        let FrameClock { gpu, timer, .. } = &mut *self.clock;
+        Ok(timer.run_submission(gpu, stage, f)?)
+    }
+
     /// Submits the encoder's commands in place of [`wgpu::Queue::submit`], waits for them, and samples the frame.
     ///
     /// # Errors
@@ -217,13 +239,18 @@ impl Frame<'_> {
         if !self.timed {
             return None;
         }
-        let known = self.names.iter().position(|known| *known == name);
-        let stage = known.unwrap_or_else(|| {
-            self.names.push(name);
-            self.names.len() - 1
-        });
+        let stage = self.stage(name);
         let FrameClock { gpu, timer, .. } = &mut *self.clock;
         timer.open(gpu, encoder, (stage, kind))
+    }
+
+    /// The place of this name among those of the frame.
+    fn stage(&mut self, name: &'static str) -> usize {
+        let known = self.names.iter().position(|known| *known == name);
+        known.unwrap_or_else(|| {
+            self.names.push(name);
+            self.names.len() - 1
+        })
     }
 
     fn guard<'f, P>(
