@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use fathom::compare::store::Comparison;
 use fathom::record::output::RECORDS;
 use fathom::record::{Record, read};
 
 use super::common::{Ends, Place, holds};
 
-const SCENES: [&str; 4] = ["icon", "chart", "map", "forest"];
+const CELLS: [&str; 4] = ["scene=icon", "scene=chart", "scene=map", "scene=forest"];
 
 /// Built by cargo, outside fathom's workspace.
 fn vello_frames() -> PathBuf {
@@ -31,30 +32,33 @@ fn frames_of_vello_have_records_and_a_scene_with_more_paths_is_named() {
         Record::Cell(cell) => Some(cell),
         _ => None,
     });
-    for (cell, scene) in cells.zip(SCENES) {
+    for (cell, name) in cells.zip(CELLS) {
         let [vello] = &cell.measured().expect("it was sampled").stages[..] else { panic!() };
-        assert_eq!(cell.cell, format!("scene={scene}"));
+        assert_eq!(cell.cell, name);
         assert!(vello.stage == "vello" && vello.fenced.is_some(), "{vello:?}");
-        holds(&printed, &[&format!("\nvello-frames scene={scene}\n  vello  ")]);
+        holds(&printed, &[&format!("\nvello-frames {name}\n  vello  ")]);
     }
     place.fathom("report frames").ends(0);
-    holds(&place.read("frames/summary.md"), &SCENES);
-    let kept = place.fathom("history add frames --db runs.db").ends(0);
-    holds(&kept.out, &["4 cells"]);
-    let changes = place.fathom("compare frames/records.jsonl frames/records.jsonl").output();
-    holds(
-        &String::from_utf8(changes.unwrap().stdout).unwrap(),
-        &["exact figures of 4 cells: same"],
-    );
+    holds(&place.read("frames/cells.csv"), &CELLS);
+    place.fathom("history add frames --commit 0123456 --branch main --db runs.db").ends(0);
+    let listed = place.fathom("history list --db runs.db").ends(0);
+    holds(&listed.out, &["4 cells"]);
+    let changes = place.fathom("compare frames/records.jsonl frames/records.jsonl").ends(4);
+    holds(&changes.out, &["exact figures of 4 cells: same"]);
 
     let cells = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/vello_frames/cells.toml");
-    let compared = |options: &str, head: &str| {
+    let compared = |options: &str, [base, head]: [&str; 2]| {
         let mut compare = place.fathom(format!("compare --pairs 2 {options} --cells-file"));
         let worker = format!("'{}' --worker", program.display());
-        compare.arg(&cells).args(["--base-cmd", &format!("{worker} --counted")]);
+        compare.arg(&cells).args(["--base-cmd", &format!("{worker} {base}")]);
         compare.args(["--head-cmd", &format!("{worker} {head}")]);
         compare
     };
-    let slower = compared("--launches 10 --out slower", "--counted --work 1.05").ends(1);
-    holds(&slower.out, &["1 slower", "3 same", "map", "+5.0 %"]);
+    let more = ["--counted", "--counted --work 1.05"];
+    let slower = compared("--launches 10 --out slower", more).ends(1);
+    holds(&slower.out, &["scene=map vello: slower: time +5.0 %", "1 slower, 3 same"]);
+    // Two launches are too few for a verdict.
+    compared("--launches 2 --out times", ["", "--work 1.05"]).ends(3);
+    let stored = Comparison::read(&place.path("times")).unwrap();
+    assert!(stored.faults.is_empty() && stored.launches.len() == 2, "{:?}", stored.faults);
 }

@@ -34,18 +34,19 @@ impl Worker {
     /// A software driver draws in this process, so that what other processes take does not count.
     fn sample_ns(&mut self, config: &str) -> Result<f64, Box<dyn Error>> {
         let scene = self.prepared.get(config).ok_or("it is not prepared")?;
+        if self.counted {
+            return Ok(f64::from(scene.encoding().n_paths));
+        }
         let software = self.drawing.gpu.adapter.software;
         let clock = if software { HostClock::ProcessCpu } else { HostClock::Wall };
-        let ns = self.drawing.plain_ns(scene, clock)?;
-        Ok(if self.counted { f64::from(scene.encoding().n_paths) } else { ns })
+        self.drawing.plain_ns(scene, clock)
     }
 
     fn answer(&mut self, request: WorkerRequest) -> Result<Reply, Box<dyn Error>> {
         match request {
             WorkerRequest::Hello { .. } => Ok(self.greeting()),
             WorkerRequest::Prepare { configuration } => {
-                let name = configuration.params.get("scene").and_then(|name| name.as_str());
-                let scene = scene(name.ok_or("it names no scene")?, self.work)?;
+                let scene = scene(&configuration.scene, self.work)?;
                 self.prepared.insert(configuration.id.clone(), scene);
                 self.sample_ns(&configuration.id)?;
                 let stages = vec![StageKind { name: "vello".to_owned(), kind: PassKind::Compute }];
