@@ -6,8 +6,8 @@ use super::timer::{FrameSample, FrameTimer};
 use crate::{Device, DeviceError};
 use fathom_record::PassKind;
 
-/// The cost of a submission with the smallest pass of this kind is subtracted from a call that submits by itself: what it submits is
-/// not known. The libraries at hand compute.
+/// What a call submits by itself is not known. The cost of a submission is taken to be that of the smallest compute pass, as vello's and
+/// burn's passes compute.
 pub(super) const SUBMISSION: PassKind = PassKind::Compute;
 
 impl FrameTimer {
@@ -57,8 +57,7 @@ impl FrameTimer {
         last.is_some_and(|pass| self.plan.fences(pass.kind))
     }
 
-    /// Runs a call that submits by itself, from an idle device until the device is idle again. Without the call's time there is no
-    /// frame.
+    /// Runs a call that submits by itself, from an idle device until the device is idle again. Where it fails, so does the frame.
     pub(crate) fn run_submission<R>(
         &mut self,
         gpu: &Device,

@@ -191,18 +191,18 @@ impl Frame<'_> {
         self.open(encoder, name, PassKind::Render).map(|query| query.of_render(true, true))
     }
 
-    /// A call that records and submits by itself, to the device and queue of this clock, as vello, burn and egui do. The device is idle
-    /// before it. The time ends when the device is idle again, and is that of the host clock around both, less the cost of one
-    /// submission: of a call that computes on the CPU before it submits, this is part of it, and so are further submissions. `f` must have
-    /// submitted all when it returns.
+    /// Times a call that records and submits by itself, to the clock's device and queue, as vello, burn and egui do. The time is that
+    /// of the host clock, from an idle device until the device is idle again, less the cost of one submission. It contains what
+    /// `f` does on the CPU, and the cost of further submissions. `f` must have submitted all its work when it returns. In a
+    /// frame without per-pass timing it is waited for too.
     ///
-    /// `f` runs at once, as it would without a clock: before all commands of the frame's encoder, whatever was opened there before. A
-    /// frame of nothing else ends with an empty encoder. A call that submits nothing is shown below the clock's resolution, unless the
-    /// CPU takes longer. It is waited for in frames without per-pass timing too.
+    /// `f` runs at once, as it would without a clock: before the commands of the frame's encoder, whatever was opened there before.
+    /// A frame of nothing else ends with an empty encoder. A call that submits nothing is below the clock's resolution, unless the CPU takes
+    /// longer than that.
     ///
     /// # Errors
-    /// A fault of the device, such as a command in `f` that it refused. The frame cannot be submitted then. An error of `f`
-    /// is the caller's: where it ends the frame, the frame is not sampled.
+    /// A fault of the device, such as a command of `f` that it refused. [`Self::submit`] then fails as well. What `f` returns is not
+    /// looked at: a frame that is dropped is not sampled.
     pub fn submission<R>(
         &mut self,
         name: &'static str,
