@@ -56,7 +56,7 @@ fn frames_of_vello_have_records_and_a_scene_with_more_paths_is_named() {
     };
     let more = ["--counted", "--counted --work 1.05"];
     let slower = compared("--launches 10 --out slower", more).ends(1);
-    holds(&slower.out, &["scene=map vello: slower: time +5.0 %", "1 slower, 3 same"]);
+    holds(&slower.out, &["scene=forest vello: slower: time +5.0 %", "1 slower, 3 same"]);
     // Two launches are too few for a verdict.
     compared("--launches 2 --out times", ["", "--work 1.05"]).ends(3);
     let stored = Comparison::read(&place.path("times")).unwrap();

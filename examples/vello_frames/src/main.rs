@@ -1,6 +1,6 @@
 //! Frames of vello, which records and submits by itself: four scenes of growing numbers of paths.
 //!
-//! `vello_frames [--work FACTOR] [--plain] [OUT]` times them by [`fathom_clock::Frame::submission`] and writes records. The scene `map` has
+//! `vello_frames [--work FACTOR] [--plain] [OUT]` times them by [`fathom_clock::Frame::submission`] and writes records. The scene `forest` has
 //! FACTOR times its paths. `--plain` also times each frame by a loop without fathom's clock, in turn.
 //! `vello_frames [--work FACTOR] [--counted] --worker` is a worker of `fathom compare` (`docs/worker-protocol.md`). `--counted` answers the
 //! number of paths in place of a time.
@@ -18,7 +18,7 @@ use vello::{AaConfig, AaSupport, RenderParams, Renderer, RendererOptions, Scene}
 /// The scenes and their paths.
 const SCENES: [(&str, u32); 4] = [("icon", 20), ("chart", 60), ("map", 180), ("forest", 540)];
 /// The one that `--work` changes.
-const CHANGED: &str = "map";
+const CHANGED: &str = "forest";
 /// Pixels along an edge of the picture.
 const EDGE: u32 = 256;
 
