@@ -24,6 +24,7 @@ test-all: setup-all
 	scripts/weight.sh
 	scripts/licences.sh
 	cargo clippy --locked --workspace --all-targets --features nightly -- -D warnings
+	cd examples/vello_frames && cargo fmt --check && cargo clippy --locked --target-dir ../../target/vello_frames -- -D warnings
 	cargo test --locked --workspace --features nightly
 	/usr/bin/python3 tests/nightly/schema.py
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps

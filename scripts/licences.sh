@@ -6,7 +6,9 @@ cd "$(dirname "$0")/.."
 
 allowed="MIT MIT-0 Apache-2.0 BSD-2-Clause BSD-3-Clause ISC Zlib 0BSD Unicode-3.0 CDLA-Permissive-2.0"
 
-cargo tree --quiet --locked --workspace --all-features --target all --prefix none --format '{l}|{p}' |
+for workspace in . examples/vello_frames; do
+    cargo tree --quiet --locked --manifest-path $workspace/Cargo.toml --workspace --all-features --target all --prefix none --format '{l}|{p}'
+done |
     sed 's/ (\*)$//' | sort -u | grep -v '^$' |
     awk -F '|' -v allowed="$allowed" '
         # One of the licences of an "or" is allowed. Exceptions allow more, so "Apache-2.0 WITH ..." is Apache-2.0.

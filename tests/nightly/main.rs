@@ -10,6 +10,7 @@ mod machine;
 mod page;
 mod tint;
 mod validation;
+mod vello_frames;
 mod vulkan_worker;
 
 use common::{gpu, this_program};

@@ -1,10 +1,14 @@
 //! Frames whose passes are opened in an encoder of the caller.
 
 use super::host_clock::HostClock;
-use super::scope::{FrameMode, Query};
+use super::scope::{FrameMode, HostWork, Query};
 use super::timer::{FrameSample, FrameTimer};
 use crate::{Device, DeviceError};
 use fathom_record::PassKind;
+
+/// What a call submits by itself is not known. The cost of a submission is taken to be that of the smallest compute pass, as vello's and
+/// burn's passes compute.
+pub(super) const SUBMISSION: PassKind = PassKind::Compute;
 
 impl FrameTimer {
     /// Begins a frame. What was opened of another is forgotten.
@@ -53,6 +57,30 @@ impl FrameTimer {
         last.is_some_and(|pass| self.plan.fences(pass.kind))
     }
 
+    /// Runs a call that submits by itself, from an idle device until the device is idle again. Where it fails, so does the frame.
+    pub(crate) fn run_submission<R>(
+        &mut self,
+        gpu: &Device,
+        stage: usize,
+        f: impl FnOnce() -> R,
+    ) -> Result<R, DeviceError> {
+        let ran = gpu.catch(|| {
+            gpu.flush()?;
+            self.metering.probe(gpu, SUBMISSION)?;
+            let clock = HostClock::from_plan(&self.plan);
+            let start_ns = clock.now_ns();
+            let result = f();
+            gpu.wait()?;
+            let ns = clock.now_ns() - start_ns;
+            self.recorder.host.push(HostWork { stage, ns, submits: true });
+            Ok(result)
+        });
+        if ran.is_err() {
+            self.refused = Some(DeviceError::Validation("a submission of this frame".to_owned()));
+        }
+        ran
+    }
+
     /// Runs the frame, of which the encoder holds the rest. Its stages have these names.
     pub(crate) fn run_timed(
         &mut self,
@@ -60,9 +88,7 @@ impl FrameTimer {
         encoder: wgpu::CommandEncoder,
         names: &[&'static str],
     ) -> Result<FrameSample, DeviceError> {
-        if let Some(refused) = self.refused.take() {
-            return Err(refused);
-        }
+        self.refused.take().map_or(Ok(()), Err)?;
         gpu.catch(|| {
             let fenced = self.in_fenced_pass();
             self.recorder.push(encoder, fenced);
@@ -79,6 +105,7 @@ impl FrameTimer {
         gpu: &Device,
         encoder: wgpu::CommandEncoder,
     ) -> Result<f64, DeviceError> {
+        self.refused.take().map_or(Ok(()), Err)?;
         gpu.catch(|| {
             self.recorder.push(encoder, false);
             gpu.flush()?;

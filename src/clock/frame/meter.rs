@@ -114,16 +114,17 @@ impl SubmissionMeter {
         };
         let due = is_due(*done, *count, self.frame);
         *done += 1;
-        if self.meter.len(kind) < FIRST_PROBES {
-            // The first one includes the compilation of its shader.
-            self.time(gpu, kind)?;
-            for _ in 0..FIRST_PROBES {
-                self.measure(gpu, kind)?;
-            }
-        } else if due {
-            self.measure(gpu, kind)?;
+        if due || self.meter.len(kind) < FIRST_PROBES { self.probe(gpu, kind) } else { Ok(()) }
+    }
+
+    /// Measures the cost now: once, or as often as its scatter needs where it was never measured.
+    pub(super) fn probe(&mut self, gpu: &Device, kind: PassKind) -> Result<(), DeviceError> {
+        if self.meter.len(kind) >= FIRST_PROBES {
+            return self.measure(gpu, kind);
         }
-        Ok(())
+        // The first one includes the compilation of its shader.
+        self.time(gpu, kind)?;
+        (0..FIRST_PROBES).try_for_each(|_| self.measure(gpu, kind))
     }
 
     fn measure(&mut self, gpu: &Device, kind: PassKind) -> Result<(), DeviceError> {

@@ -6,7 +6,8 @@
 //! Passes of a kind with sound timestamps share a command buffer with their neighbours. A pass on the fenced host clock has a command
 //! buffer of its own, which is submitted alone and waited for, between two readings of the host clock. The cost of a submission is
 //! subtracted; it is measured between the segments of the same frame (see `meter`). The command buffers of a frame are its *segments*.
-//! Each is submitted when the one before has finished.
+//! Each is submitted when the one before has finished. A call that submits by itself is run while the frame is encoded, and waited for: it
+//! counts as a host stage whose time is fenced.
 //!
 //! Accounting: the *envelope* is the host time from the first submission to the last fence, plus the host stages. *Gaps* are the time
 //! between passes of a segment by timestamps, the time between segments by the host clock, and one submission cost per

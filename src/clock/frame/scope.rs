@@ -56,6 +56,8 @@ struct CommandSegment {
 pub(super) struct HostWork {
     pub(super) stage: usize,
     pub(super) ns: f64,
+    /// It submits by itself and was waited for.
+    pub(super) submits: bool,
 }
 
 /// A frame as it is being encoded. Kept from frame to frame for its allocations.
@@ -389,7 +391,7 @@ impl<'a> StageScope<'a> {
         let start_ns = clock.now_ns();
         f(&self.gpu.queue);
         let ns = clock.now_ns() - start_ns;
-        self.recorder.host.push(HostWork { stage: self.stage, ns });
+        self.recorder.host.push(HostWork { stage: self.stage, ns, submits: false });
     }
 
     /// Records a pass, and returns the encoder to open it in and its queries: of timestamps, and of statistics.

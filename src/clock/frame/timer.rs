@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::encoder::SUBMISSION;
 use super::host_clock::{HostClock, thread_ns};
 use super::meter::{CostMeter, SubmissionCounts, SubmissionMeter};
 use super::scope::{FrameMode, HostTime, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
@@ -70,7 +71,7 @@ pub struct FrameTimer {
     pub(super) max_passes: u32,
     pub(super) queries: Option<Queries>,
     pub(super) recorder: Recorder,
-    metering: SubmissionMeter,
+    pub(super) metering: SubmissionMeter,
     spans: Vec<Span>,
     /// Of the frame's timestamped passes, in order.
     ticks: Vec<Ticks>,
@@ -233,7 +234,13 @@ impl FrameTimer {
     pub(super) fn evaluate(&self, names: &[&'static str]) -> FrameSample {
         let mut account = FrameSums::new(names);
         for work in &self.recorder.host {
-            account.add(work.stage, Clock::Host, Ok(work.ns));
+            if work.submits {
+                account.gaps_ns += self.submit_cost_ns(SUBMISSION);
+                let clock = HostClock::from_plan(&self.plan).around_submissions();
+                self.add_fenced(&mut account, (work.stage, SUBMISSION, clock), work.ns);
+            } else {
+                account.add(work.stage, Clock::Host, Ok(work.ns));
+            }
         }
         let mut metering_ns = 0.0;
         for (index, span) in self.spans.iter().enumerate() {
@@ -241,12 +248,16 @@ impl FrameTimer {
                 account.gaps_ns += span.metered_ns - before.fence_ns;
                 metering_ns += span.metering_ns();
             }
-            account.gaps_ns += self.submit_cost_ns(span);
+            let passes = &self.recorder.passes[span.passes.clone()];
+            account.gaps_ns += passes.first().map_or(0.0, |pass| self.submit_cost_ns(pass.kind));
             if span.passes.is_empty() {
                 // Commands of a caller's encoder between passes that are alone.
                 account.gaps_ns += span.wall_ns();
             } else if span.fenced {
-                self.add_fenced(&mut account, span)
+                for pass in passes {
+                    let clock = self.plan.clock(pass.kind);
+                    self.add_fenced(&mut account, (pass.stage, pass.kind, clock), span.wall_ns());
+                }
             } else {
                 self.add_timestamped(&mut account, span)
             }
@@ -259,23 +270,21 @@ impl FrameTimer {
         account.finish(envelope_ns, &self.metering.meter)
     }
 
-    /// The cost of the segment's first pass, from the latest measurements, or from the audit where no segment of the frame is
-    /// fenced.
-    fn submit_cost_ns(&self, span: &Span) -> f64 {
-        let first = self.recorder.passes[span.passes.clone()].first();
-        first.map_or(0.0, |pass| {
-            let lately = self.metering.meter.cost_ns(pass.kind);
-            lately.unwrap_or_else(|| self.plan.submit_cost.ns(pass.kind))
-        })
+    /// The cost of a submission, from the latest measurements, or from the audit where nothing of the frame is fenced.
+    fn submit_cost_ns(&self, kind: PassKind) -> f64 {
+        self.metering.meter.cost_ns(kind).unwrap_or_else(|| self.plan.submit_cost.ns(kind))
     }
 
-    fn add_fenced(&self, account: &mut FrameSums<'_>, span: &Span) {
-        let cost_ns = self.submit_cost_ns(span);
-        let ns = positive(span.wall_ns()).map(|wall_ns| wall_ns - cost_ns);
-        for pass in &self.recorder.passes[span.passes.clone()] {
-            account.add(pass.stage, self.plan.clock(pass.kind), ns);
-            account.take_off(pass.stage, pass.kind, cost_ns);
-        }
+    /// Adds what took so long alone on the device.
+    fn add_fenced(
+        &self,
+        account: &mut FrameSums<'_>,
+        (stage, kind, clock): (usize, PassKind, Clock),
+        wall_ns: f64,
+    ) {
+        let cost_ns = self.submit_cost_ns(kind);
+        account.add(stage, clock, positive(wall_ns).map(|wall_ns| wall_ns - cost_ns));
+        account.take_off(stage, kind, cost_ns);
     }
 
     fn add_timestamped(&self, account: &mut FrameSums<'_>, span: &Span) {

@@ -191,6 +191,28 @@ impl Frame<'_> {
         self.open(encoder, name, PassKind::Render).map(|query| query.of_render(true, true))
     }
 
+    /// Times a call that records and submits by itself, to the clock's device and queue, as vello, burn and egui do. The time is that
+    /// of the host clock, from an idle device until the device is idle again, less the cost of one submission. It contains what
+    /// `f` does on the CPU, and the cost of further submissions. `f` must have submitted all its work when it returns. In a
+    /// frame without per-pass timing it is waited for too.
+    ///
+    /// `f` runs at once, as it would without a clock: before the commands of the frame's encoder, whatever was opened there before.
+    /// A frame of nothing else ends with an empty encoder. A call that submits nothing is below the clock's resolution, unless the CPU takes
+    /// longer than that.
+    ///
+    /// # Errors
+    /// A fault of the device, such as a command of `f` that it refused. [`Self::submit`] then fails as well. What `f` returns is not
+    /// looked at: a frame that is dropped is not sampled.
+    pub fn submission<R>(
+        &mut self,
+        name: &'static str,
+        f: impl FnOnce() -> R,
+    ) -> Result<R, ClockError> {
+        let stage = self.stage(name);
+        let FrameClock { gpu, timer, .. } = &mut *self.clock;
+        Ok(timer.run_submission(gpu, stage, f)?)
+    }
+
     /// Submits the encoder's commands in place of [`wgpu::Queue::submit`], waits for them, and samples the frame.
     ///
     /// # Errors
@@ -217,13 +239,18 @@ impl Frame<'_> {
         if !self.timed {
             return None;
         }
-        let known = self.names.iter().position(|known| *known == name);
-        let stage = known.unwrap_or_else(|| {
-            self.names.push(name);
-            self.names.len() - 1
-        });
+        let stage = self.stage(name);
         let FrameClock { gpu, timer, .. } = &mut *self.clock;
         timer.open(gpu, encoder, (stage, kind))
+    }
+
+    /// The place of this name among those of the frame.
+    fn stage(&mut self, name: &'static str) -> usize {
+        let known = self.names.iter().position(|known| *known == name);
+        known.unwrap_or_else(|| {
+            self.names.push(name);
+            self.names.len() - 1
+        })
     }
 
     fn guard<'f, P>(

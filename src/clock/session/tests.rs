@@ -1,5 +1,8 @@
 //! Frames on the adapter at hand: what is run and what is sampled, whatever it takes.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
 use super::sampled::MIN_PAIRS;
 use super::*;
 use crate::{ClockPlan, SubmitCost};
@@ -98,4 +101,84 @@ fn a_submission_that_hangs_loses_the_device_and_nothing_waits_for_it_again() {
     let message = gpu.wait_for(Some(index)).unwrap_err().to_string();
     assert_eq!(message, "the GPU device was lost: a submission did not end within 0.000000001 s");
     assert!(matches!(gpu.catch(|| Ok::<_, DeviceError>(())), Err(DeviceError::Lost(_))));
+}
+
+/// Submits a copy of all of a buffer to one that is mapped then. The flag tells whether the device was found to be done.
+fn submit_copy(gpu: &Submitter, to: &wgpu::Buffer) -> Arc<AtomicBool> {
+    let done = Arc::new(AtomicBool::new(false));
+    let flag = done.clone();
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_buffer_to_buffer(&gpu.from, 0, to, 0, to.size());
+    encoder.map_buffer_on_submit(to, wgpu::MapMode::Read, .., move |_| flag.store(true, Relaxed));
+    gpu.queue.submit([encoder.finish()]);
+    done
+}
+
+/// A library that has the program's device and queue.
+struct Submitter {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    from: wgpu::Buffer,
+}
+
+fn submitter(clock: &FrameClock, size: u64) -> (Submitter, [wgpu::Buffer; 2]) {
+    use wgpu::BufferUsages as Usage;
+    let gpu = &clock.gpu;
+    let from = gpu.buffer("from", size, Usage::COPY_SRC | Usage::COPY_DST);
+    let to = [0; 2].map(|_| gpu.buffer("to", size, Usage::MAP_READ | Usage::COPY_DST));
+    (Submitter { device: gpu.device.clone(), queue: gpu.queue.clone(), from }, to)
+}
+
+#[test]
+fn a_submission_has_the_device_to_itself_and_comes_before_the_frames_encoder() {
+    let mut clock = fenced();
+    let (library, [earlier, own]) = submitter(&clock, 4 << 20);
+    for number in 0..2 * MIN_PAIRS as u8 + 2 {
+        library.queue.write_buffer(&library.from, 0, &[number + 1; BYTES as usize]);
+        let mut encoder = encoder(&clock);
+        let mut frame = clock.frame();
+        frame.copies(&mut encoder, "clear", |encoder| encoder.clear_buffer(&library.from, 0, None));
+        let before = submit_copy(&library, &earlier);
+        let within = frame.submission("library", || {
+            assert!(before.load(Relaxed), "the work before is done");
+            submit_copy(&library, &own)
+        });
+        assert!(within.unwrap().load(Relaxed), "its own work is done");
+        frame.submit(encoder).unwrap();
+        assert_eq!(
+            own.get_mapped_range(..).unwrap()[..BYTES as usize],
+            [number + 1; BYTES as usize]
+        );
+        earlier.unmap();
+        own.unmap();
+    }
+    let cell = clock.end_cell("test", "base").unwrap();
+    let Outcome::Measured(measured) = &cell.outcome else { panic!("{cell:?}") };
+    let stages = measured.stages.iter().map(|stage| (stage.stage.as_str(), stage.clock));
+    assert!(stages.eq(["clear", "library"].map(|name| (name, Clock::FencedHost))));
+    let fenced = measured.stages.iter().map(|stage| stage.fenced.as_ref().unwrap());
+    assert!(fenced.flat_map(|fenced| &fenced.submit_cost_samples_ns).all(|ns| *ns > 0.0));
+    assert!(measured.frame.accounting_error < 1e-6, "{:?}", measured.frame);
+    assert!(clock.to_string().contains("\n  library  "), "{clock}");
+}
+
+#[test]
+fn a_frame_whose_submission_was_refused_is_not_sampled_and_one_without_work_is() {
+    let mut clock = fenced();
+    let (library, [small, _]) = submitter(&clock, BYTES);
+    for number in 0..2 * MIN_PAIRS + 4 {
+        let refused = [0, 2].contains(&number);
+        let mut frame = clock.frame();
+        let ran = frame.submission("library", || {
+            let mut encoder = library.device.create_command_encoder(&Default::default());
+            encoder.clear_buffer(&small, if refused { 2 * BYTES } else { 0 }, None);
+            drop(encoder.finish());
+        });
+        let error = matches!(&ran, Err(ClockError::Device(DeviceError::Validation(_))));
+        assert_eq!(error, refused, "{ran:?}");
+        let empty = library.device.create_command_encoder(&Default::default());
+        assert_eq!(frame.submit(empty).is_err(), refused);
+    }
+    let samples = &clock.sampled.samples;
+    assert!(samples.pairs() > 0 && samples.rejected_frames().is_empty(), "{samples:?}");
 }
