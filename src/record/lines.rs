@@ -23,6 +23,8 @@ const READ_AT_ONCE: usize = 1 << 18;
 
 /// Largest file that is read, bytes: 100,000 cells of thirteen stages with 50 samples each.
 pub const MAX_FILE: u64 = 2 << 30;
+/// Longest line that is read, bytes: a cell of ten stages with 40,000 samples each.
+pub const MAX_LINE: usize = 8 << 20;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
@@ -222,12 +224,12 @@ pub(super) fn sift(path: &Path, source: impl Read) -> Result<(RecordFile, u64), 
     let (mut damaged, mut torn_bytes) = (Damaged::default(), 0);
     let (mut all, mut line) = (Vec::new(), Vec::new());
     for number in 1.. {
-        let end = next_line(&mut source, MAX_FILE as usize, &mut line).map_err(io("read", path))?;
+        let end = next_line(&mut source, MAX_LINE, &mut line).map_err(io("read", path))?;
         let Some(end) = end else { break };
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        match parse(&line) {
+        match parse(&line, end) {
             Err(found) => {
                 return Err(RecordError::Schema { path: path.to_owned(), line: number, found });
             }
@@ -247,7 +249,10 @@ pub(super) fn sift(path: &Path, source: impl Read) -> Result<(RecordFile, u64), 
 }
 
 /// A record, or why its line is damaged; the error is the format that it says it has where that is another.
-fn parse(line: &[u8]) -> Result<Result<Record, String>, u64> {
+fn parse(line: &[u8], end: LineEnd) -> Result<Result<Record, String>, u64> {
+    if end == LineEnd::TooLong {
+        return Ok(Err(format!("longer than {} MiB", MAX_LINE >> 20)));
+    }
     let stated = serde_json::from_slice::<StatedFormat>(line).ok();
     let found = stated.and_then(|stated| stated.schema?.as_u64());
     if let Some(found) = found.filter(|found| *found != u64::from(SCHEMA)) {

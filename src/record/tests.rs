@@ -111,6 +111,19 @@ fn damaged_and_unknown_lines_are_counted_and_the_rest_is_read() {
 }
 
 #[test]
+fn the_limit_of_a_line_is_the_last_length_that_is_read() {
+    let padded = |name: &str, bytes: usize| {
+        let mut line = serde_json::to_vec(&skipped(name)).unwrap();
+        line.resize(bytes, b' ');
+        line
+    };
+    let lines = [padded("a", 8 << 20), padded("b", (8 << 20) + 1), padded("c", 1 << 10)];
+    let (read, torn_bytes) = lines::sift(Path::new("-"), &*lines.join(&b'\n')).unwrap();
+    assert_eq!((read.records, torn_bytes), (vec![skipped("a"), skipped("c")], 0));
+    assert_eq!(read.damaged.to_string(), "line 2: longer than 8 MiB");
+}
+
+#[test]
 fn a_missing_file_and_another_format_are_named() {
     let (_folder, path) = file();
     let error = read(&path).unwrap_err().to_string();

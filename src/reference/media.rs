@@ -154,20 +154,13 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
     if !field.bounds().contains(position) {
         return 0.0;
     }
-    let place = (position - field.origin_m) / field.spacing_m;
-    trilinear(field.cells, place, |cell| f64::from(field.value(cell)))
-}
-
-/// Trilinear between the centres of cells, at a place in cells from the corner; up to half a cell inside the border the border's.
-fn trilinear(cells: [u32; 3], place: DVec3, value: impl Fn([u32; 3]) -> f64) -> f64 {
-    let last = (UVec3::from(cells) - 1).as_dvec3();
-    let base = (place - 0.5).floor();
-    let part = place - 0.5 - base;
+    let place = (position - field.origin_m) / field.spacing_m - 0.5;
+    let (base, last) = (place.floor(), (UVec3::from(field.cells) - 1).as_dvec3());
     let corner = |i: u32| {
         let offset = UVec3::new(i & 1, i >> 1 & 1, i >> 2).as_dvec3();
-        let weight = DVec3::ONE - offset + (2.0 * offset - 1.0) * part;
+        let weight = DVec3::ONE - offset + (2.0 * offset - 1.0) * (place - base);
         let cell = (base + offset).clamp(DVec3::ZERO, last).as_uvec3();
-        weight.element_product() * value(cell.to_array())
+        weight.element_product() * f64::from(field.value(cell.to_array()))
     };
     (0..8).map(corner).sum()
 }

@@ -132,28 +132,16 @@ mod tests {
     use super::*;
     use fathom_scene::{Mesh, Object};
 
-    const RAYS: u32 = 4096;
-
-    /// A floor at a height, far wider than any r_max here.
-    fn floor(y: f64) -> Object {
-        Object::new("floor", Mesh::parallelogram(DVec3::Y * y, 100.0 * DVec3::X, 100.0 * DVec3::Z))
-    }
-
     #[test]
     fn sheets_of_glass_let_their_shares_through() {
-        let sheets = [floor(0.0), floor(1.0), floor(2.0)];
-        let tracer = Tracer::new(&sheets);
-        let at = |alphas: &[f64], r_max_m| {
-            occlusion_through(&tracer, DVec3::ZERO, DVec3::Y, r_max_m, alphas, RAYS)
-        };
-        // All rays of a long reach cross both sheets.
-        let both = at(&[1.0, 0.3, 0.5], 200.0);
-        assert!((both - (1.0 - 0.7 * 0.5)).abs() < 1e-3, "{both}");
-        // Within 1.5 m rays meet the first alone where cos θ > 1 / 1.5: cos² θ is uniform.
-        let near = at(&[1.0, 0.3, 0.5], 1.5);
-        assert!((near - 0.3 * (1.0 - 1.0 / 2.25)).abs() < 1e-3, "{near}");
-        let opaque = at(&[1.0, 1.0, 1.0], 1.5);
-        let hard = occlusion(&tracer, DVec3::ZERO, DVec3::Y, 1.5, Obscurity::Hard, RAYS);
-        assert_eq!(opaque, hard);
+        let [across, along] = [100.0 * DVec3::X, 100.0 * DVec3::Z];
+        let mesh = |y: f64| Mesh::parallelogram(DVec3::Y * y, across, along);
+        let tracer = Tracer::new(&[0.0, 1.0, 2.0].map(|y| Object::new("sheet", mesh(y))));
+        // All rays of a long reach cross both sheets. Within 1.5 m they meet the first alone where cos θ > 1 / 1.5: cos² θ is uniform.
+        for (r_max_m, exact) in [(200.0, 1.0 - 0.7 * 0.5), (1.5, 0.3 * (1.0 - 1.0 / 2.25))] {
+            let alphas = [1.0, 0.3, 0.5];
+            let found = occlusion_through(&tracer, DVec3::ZERO, DVec3::Y, r_max_m, &alphas, 4096);
+            assert!((found - exact).abs() < 1e-3, "{found} {exact}");
+        }
     }
 }

@@ -25,29 +25,17 @@ impl SplatSize {
     }
 }
 
-/// How the intensity of a splat depends on its size.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Intensity {
-    /// The paper's rule: every pixel of a splat gets the photon's whole intensity.
-    Paper,
-    /// The intensity is divided by the splat's area, so that a photon keeps its energy.
-    Conserving,
-}
-
 /// Value that a splat adds to each pixel it covers: `I · exp(−γ d_surface)` (UW §3.3), divided by
 /// the area in pixels where energy is conserved.
 pub fn splat_value(
-    rule: Intensity,
+    conserving: bool,
     photon: f64,
     gamma_per_m: f64,
     surface_distance_m: f64,
     size_px: f64,
 ) -> f64 {
     let intensity = photon * transmittance(gamma_per_m, surface_distance_m);
-    match rule {
-        Intensity::Paper => intensity,
-        Intensity::Conserving => intensity / (size_px * size_px),
-    }
+    if conserving { intensity / (size_px * size_px) } else { intensity }
 }
 
 /// A square of one value, parallel to the image, at one depth.

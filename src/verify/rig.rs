@@ -254,10 +254,6 @@ impl TimedStage for Clear {
     }
 }
 
-/// Kinds of light, and how titles call them.
-pub const LIGHTS: [(LightKind, &str); 2] =
-    [(LightKind::Directional, "directional"), (LightKind::Point, "point")];
-
 /// Scene `plane` under flat water, lit at a slant, so that refraction shifts every photon. The light's
 /// frustum is narrow enough that no photon passes beside the floor.
 pub fn flat_plane(kind: LightKind) -> Result<Scene> {

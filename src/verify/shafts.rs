@@ -10,9 +10,11 @@ use fathom_stages::splatting::SplatSums;
 const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
 const PHOTON_W: f64 = 0.7;
+/// Way through the water that lies before a line, as behind a mirror.
+const BEFORE_M: f64 = 1.5;
 const LINES: usize = 12;
-/// Heights of the eye: so deep that all lines lie under water, and above the water with lines on both sides of it.
-const EYES_M: [f64; 2] = [-20.0, 1.0];
+/// Heights of the eye: so deep that all lines lie under water, and above and below the water with lines on both sides of it.
+const EYES_M: [f64; 3] = [-20.0, 1.0, -1.0];
 /// Standard deviations below and above a texel.
 const SIGMAS_PX: [f64; 2] = [0.6, 2.5];
 
@@ -64,7 +66,7 @@ impl ShaftLine {
     fn intensity(&self, pixel: (u32, u32), gamma_per_m: f64, eye: DVec3) -> f64 {
         let [start, end] = self.ends_m;
         let place = start.lerp(end, self.share_at(pixel));
-        PHOTON_W * transmittance(gamma_per_m, start.distance(place) + wet_m(place, eye))
+        PHOTON_W * transmittance(gamma_per_m, BEFORE_M + start.distance(place) + wet_m(place, eye))
     }
 }
 
@@ -80,7 +82,7 @@ fn draw_lines(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<L
         (0..LINES).filter_map(|_| ShaftLine::random(&mut random, &rays)).collect();
     let draw = |line: ShaftLine| {
         let [start, end] = line.ends_m;
-        let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
+        let photons = rig.photons(&[rig::photon(start, end, BEFORE_M + start.distance(end))]);
         let inputs = (&photons, &rig.ones(photons.count));
         let stage = lines::new(rig, &shared, inputs, &depth, PHOTON_W, 1.0)?;
         let image = rig.draw(&[&stage], &stage.texture, 0)?;

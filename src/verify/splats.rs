@@ -2,7 +2,7 @@
 
 use crate::prelude::*;
 use fathom_pipelines::underwater::{IntensityRule as Rule, Params, Splatting, Underwater};
-use fathom_reference::splat::{Intensity, Splat, SplatSize, rasterize, splat_value};
+use fathom_reference::splat::{Splat, SplatSize, rasterize, splat_value};
 use fathom_stages::caustics::splat::{self, SplatCoverage, SplatStyle, SplatUniforms};
 
 const STAGE: &str = "caustics/splat";
@@ -53,7 +53,8 @@ fn by<C: Into<Vec<Check>> + 'static>(
 /// The rules that splats follow, as the reference has them; controls change one.
 #[derive(Clone, Copy)]
 pub struct Rules {
-    intensity: Intensity,
+    /// Whether intensity is divided by a splat's area, so that a photon keeps its energy.
+    conserving: bool,
     coverage: SplatCoverage,
     photon_w: f64,
     /// At the far and at the near plane.
@@ -65,7 +66,7 @@ pub struct Rules {
 }
 
 pub const RULES: Rules = Rules {
-    intensity: Intensity::Paper,
+    conserving: false,
     coverage: SplatCoverage::Square,
     photon_w: PHOTON_W,
     sizes_px: [MIN_PX, MAX_PX],
@@ -100,12 +101,12 @@ impl Rules {
             let distance_m = hit.distance(eye);
             let biased = *hit + (eye - *hit) * (self.bias_m / distance_m);
             let size_px = size.size_px(distance_m);
-            let Self { intensity, photon_w, gamma_per_m, .. } = *self;
+            let Self { conserving, photon_w, gamma_per_m, .. } = *self;
             Some(Splat {
                 center_px: [center.x_px, center.y_px],
                 depth: rays.project(biased).map_or(0.0, |p| p.depth.max(0.0)),
                 size_px,
-                value: splat_value(intensity, photon_w, gamma_per_m, *path_m, size_px),
+                value: splat_value(conserving, photon_w, gamma_per_m, *path_m, size_px),
             })
         };
         Ok(photons.iter().filter_map(splat).collect())
@@ -156,7 +157,7 @@ fn draw(
     // a and b of the size rule from two of its values: s = a + b / d.
     let b = (size.size_px(1.0) - size.size_px(2.0)) * 2.0;
     let most = [max_px, min_px]
-        .map(|side_px| splat_value(rules.intensity, rules.photon_w, 0.0, 0.0, side_px));
+        .map(|side_px| splat_value(rules.conserving, rules.photon_w, 0.0, 0.0, side_px));
     let settings = SplatUniforms {
         size_px: UVec2::from(SIZE).as_vec2(),
         size_a_px: (size.size_px(1.0) - b) as f32,
@@ -167,7 +168,7 @@ fn draw(
         photons: photons.len() as u32,
         photons_per_instance: PHOTONS_PER_INSTANCE,
     };
-    let (conserving, coverage) = (rules.intensity == Intensity::Conserving, rules.coverage);
+    let Rules { conserving, coverage, .. } = *rules;
     let style = SplatStyle { conserving, coverage, typical_px: 10.0, max_px };
     let inputs = (&rig.photons(photons), depth);
     let stage = match rules.splatting {
@@ -254,7 +255,7 @@ fn scatter(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<HitPath
 fn conserved(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let (photons, twins) = scatter(&view, 4096, NEAREST_M);
-    let rules = Rules { intensity: Intensity::Conserving, ..rules };
+    let rules = Rules { conserving: true, ..rules };
     let sum = draw_free(rig, &view, &photons, &rules)?.sum();
     let error = |rules: Rules| {
         let left = |(_, path_m): &HitPath| transmittance(rules.gamma_per_m, *path_m);

@@ -65,3 +65,34 @@ pub(super) fn thread_ns() -> f64 {
     }
     wall_ns()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    /// Set in a process of its own, where no other test takes CPU time. Neither bound depends on what other processes take: a wait only gets longer.
+    const ALONE: &str = "FATHOM_TEST_WAITS_ALONE";
+
+    #[test]
+    fn waiting_takes_wall_time_and_no_cpu_time() {
+        if !HostClock::ProcessCpu.is_there() {
+            return;
+        }
+        if std::env::var_os(ALONE).is_none() {
+            let name = "frame::host_clock::tests::waiting_takes_wall_time_and_no_cpu_time";
+            let mut alone = Command::new(std::env::current_exe().unwrap());
+            let output = alone.args(["--exact", name]).env(ALONE, "1").output().unwrap();
+            let stdout = String::from_utf8_lossy(&output.stdout);
+            assert!(output.status.success() && stdout.contains("1 passed"), "{stdout}");
+            return;
+        }
+        let now_ns = || [HostClock::Wall, HostClock::ProcessCpu].map(HostClock::now_ns);
+        let [wall, cpu] = now_ns();
+        std::thread::sleep(std::time::Duration::from_millis(200));
+        let [waited_ns, spent_ns] = [now_ns()[0] - wall, now_ns()[1] - cpu];
+        assert!(waited_ns >= 200e6 && cpu > 0.0, "{waited_ns}, {cpu}");
+        assert!((0.0..0.5 * waited_ns).contains(&spent_ns), "{spent_ns} of {waited_ns}");
+    }
+}

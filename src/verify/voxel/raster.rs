@@ -1,6 +1,6 @@
 //! `voxel/slicemap-x`, `-y`, `-z`, what they make together, and `voxel/slice`, against samples in f64.
 
-use super::subjects::{VoxelScene, cells, voxels_of};
+use super::subjects::{TILED_PX, VoxelScene, cells, voxels_of};
 use crate::prelude::*;
 use fathom_record::Adapter;
 use fathom_reference::voxel::{MIN_SUBPIXELS, disagreements, sampled};
@@ -66,6 +66,22 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: SliceAxis, rasterizer: Rasteriz
         );
     }
     checks.push(slanted_quads(rig, axes, found)?);
+    // A centre on an edge belongs to one of the triangles that share it, whoever draws them: Vulkan, "Basic Polygon Rasterization".
+    let not_once = |moved_px: f64| -> Result<f64> {
+        let tiles = VoxelScene::tiles(axis, moved_px)?;
+        let mut met = [[0; TILED_PX as usize]; TILED_PX as usize];
+        for (cell, _) in cells(&tiles.grid).zip(found(&tiles)?).filter(|(_, found)| *found) {
+            let [column, row, _] = axis.turn(cell).map(|k| k as usize);
+            met.get_mut(row).and_then(|row| row.get_mut(column)).map(|met| *met += 1);
+        }
+        let inner = met[1..].iter().flat_map(|row| &row[1..]);
+        Ok(inner.filter(|met| **met != 1).count() as f64)
+    };
+    checks.push(
+        Check::new(rig, "pixels that no or two of adjoining triangles meet")
+            .within((0.0, "1"), not_once(0.0)?)
+            .control("every second one a 16th of a pixel aside", not_once(1.0 / 16.0)?),
+    );
     Ok(checks)
 }
 

@@ -4,6 +4,11 @@ use crate::prelude::*;
 use fathom_reference::voxel::{Corners, triangles};
 use fathom_stages::kit::Resources;
 use fathom_stages::voxel::VoxelPart;
+use fathom_stages::voxel::slicemap::SliceAxis;
+use glam::Vec3Swizzles;
+
+/// Between the first pixel and this one, [`VoxelScene::tiles`] leave no gaps.
+pub const TILED_PX: u32 = 44;
 
 /// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
 pub struct VoxelScene {
@@ -70,6 +75,33 @@ impl VoxelScene {
             Self::new("slanted quads", Mesh::parallelogram(middle, along, up), grid)
         };
         (0..quads).map(subject).collect()
+    }
+
+    /// Triangles side by side across an axis, each in a slice of its own: all corners and many places of edges are pixels' centres. The larger ones are
+    /// for the raster units. Every second one is moved aside.
+    pub fn tiles(axis: SliceAxis, moved_px: f64) -> Result<Self> {
+        const LINES_PX: [f64; 9] =
+            [0.5, 4.5, 8.5, 12.5, 16.5, 20.5, 28.5, 36.5, TILED_PX as f64 + 0.5];
+        let grid = Grid { cells: [48; 3], origin_m: DVec3::new(-2.5, -1.75, 0.25), voxel_m: 0.125 };
+        let mut random = Random::new(13);
+        let mut line =
+            |k: usize| LINES_PX[k] + f64::from(k % 8 > 0) * random.within(-1.5, 1.5).round();
+        let corners: Vec<_> = (0..81).map(|number| [line(number % 9), line(number / 9)]).collect();
+        let halves = (0..72).filter(|first| first % 9 < 8).flat_map(|first| {
+            let [a, b, c, d] = [0, 1, 10, 9].map(|next| corners[first + next]);
+            if first % 3 > 0 { [[a, b, c], [c, d, a]] } else { [[a, d, b], [b, d, c]] }
+        });
+        let triangles = halves.zip(0..).flat_map(|(half, number)| {
+            let (aside, slice) = (f64::from(number % 2) * moved_px, f64::from(number % 48) + 0.5);
+            half.map(|[column, row]| {
+                let at = DVec3::new(column + aside, row + aside, slice);
+                let at = [at.zxy(), at.xzy(), at][axis as usize];
+                (grid.origin_m + grid.voxel_m * at).as_vec3().to_array()
+            })
+        });
+        let places: Vec<_> = triangles.collect();
+        let indices = (0..places.len() as u32).collect();
+        Self::new("tiles", Mesh::smooth(places, indices), grid)
     }
 
     /// A scanned surface of small triangles, or its stand-in, fitted with `resolution` voxels.
