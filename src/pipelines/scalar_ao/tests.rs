@@ -1,10 +1,7 @@
 use glam::DVec3;
-use serde_json::json;
 
-use super::{Law, Mode, Params, Scalar};
-use crate as pipelines;
-use fathom_base::parameter;
-use fathom_scene::{Scene, SceneFile, Volume};
+use super::{Law, Mode, Scalar};
+use fathom_scene::Volume;
 
 const VOXEL_M: f64 = 0.1;
 
@@ -37,16 +34,4 @@ fn thresholds_of_media_mean_opacity_of_a_voxel() {
     assert!((f64::from(ends_at(&scalar)) - 2f64.ln()).abs() < 1e-6);
     scalar.threshold = 1.0;
     assert_eq!(ends_at(&scalar), 2.0);
-}
-
-#[test]
-fn cells_follow_the_parameters() {
-    let file = SceneFile::load("smoke").unwrap();
-    let mut tree = parameter::tree(&Params::from(&file));
-    assert_eq!(tree["volume"]["cells"], json!([200, 128, 200]));
-    parameter::set(&mut tree, "volume.cells", json!([20, 12, 20])).unwrap();
-    parameter::set(&mut tree, "volume.reduce", json!(2)).unwrap();
-    let params: Params = pipelines::read(&tree).unwrap();
-    let reduced = pipelines::apply(&params, &file).unwrap();
-    assert_eq!(Scene::build(&reduced).unwrap().volume.unwrap().cells, [10, 6, 10]);
 }
