@@ -126,11 +126,3 @@ fn shards_that_were_measured_make_a_run() {
     });
     assert!(first.is_disjoint(&second));
 }
-
-#[test]
-fn a_part_that_is_none_is_refused() {
-    let place = Place::new();
-    for part in ["0/2", "3/2", "1", "a/b", "1/4096"] {
-        place.fathom(format!("run --shard {part}")).refused("--shard");
-    }
-}
