@@ -7,13 +7,8 @@ const VOXEL_M: f64 = 0.1;
 
 #[test]
 fn steps_without_end_are_refused() {
-    let volume = Volume {
-        name: "test".into(),
-        cells: [1000, 1, 1],
-        origin_m: DVec3::ZERO,
-        spacing_m: DVec3::splat(VOXEL_M),
-        data: Vec::new(),
-    };
+    let spacing_m = DVec3::splat(VOXEL_M);
+    let volume = Volume { cells: [1000, 1, 1], spacing_m, ..Volume::default() };
     let scalar = Scalar { view_step_voxels: 0.06, ..Scalar::default() };
     let message = scalar.check_volume(&volume, 100.0).unwrap_err().to_string();
     assert!(message.starts_with("scalar.view_step_voxels"), "{message}");
