@@ -286,7 +286,7 @@ pub struct AuditRow {
 }
 
 /// One measured, skipped or failed point of an experiment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Cell {
     /// The experiment's id: lower-case letters, digits and `-`.
     #[schemars(regex(pattern = ID), length(max = text::ID_LENGTH))]
@@ -329,7 +329,7 @@ pub struct Begun {
 }
 
 /// What became of a cell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Outcome {
     /// Measured, at least in part.
@@ -345,6 +345,7 @@ pub enum Outcome {
         reason: String,
     },
     /// Not run: the run's time budget ended before its turn came. A resumed run measures it.
+    #[default]
     OverBudget,
 }
 

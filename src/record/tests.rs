@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use serde_json::{Map, json};
+use serde_json::json;
 
 use super::*;
 
@@ -12,12 +12,9 @@ fn cell(name: &str, outcome: Outcome) -> Record {
     Record::Cell(Box::new(Cell {
         experiment: "e".to_owned(),
         cell: name.to_owned(),
-        axes: Map::new(),
-        pipeline: "p".to_owned(),
-        scene: "tank".to_owned(),
-        stand_ins: Vec::new(),
         params: json!({ "b": 1, "a": { "y": 0.1, "x": [1, 2] } }).into(),
         outcome,
+        ..Cell::default()
     }))
 }
 
