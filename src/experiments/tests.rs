@@ -147,14 +147,6 @@ fn sweeps_multiply_axes_and_tables_move_parameters_together() {
 }
 
 #[test]
-fn axis_overrides_take_values_and_labels() {
-    let overrides = [parse_axis("caustics.grid=5").unwrap(), parse_axis("size=port").unwrap()];
-    let cells = own().cells(Profile::Paper, &overrides, &[]).unwrap();
-    assert_eq!(cells.len(), 1);
-    assert_eq!(cells[0].cell, "caustics.grid=5,size=port");
-}
-
-#[test]
 fn sets_reach_every_cell_and_the_reference() {
     let sets = [parse_set("water.time_s=1.5").unwrap()];
     let experiment = Experiment::load("uw-filter").unwrap();

@@ -223,14 +223,6 @@ pub fn own_experiment(number: usize) -> String {
     )
 }
 
-/// So many files of such experiments, as words of the command line.
-pub fn own_experiments(place: &Place, count: usize) -> String {
-    let file = |number| {
-        place.write(format!("own-{number}.toml"), own_experiment(number)).display().to_string()
-    };
-    (1..=count).map(file).collect::<Vec<String>>().join(" ")
-}
-
 /// A cell of the experiment `own`.
 pub fn own_cell(name: &str, outcome: Outcome) -> Cell {
     Cell {
