@@ -82,11 +82,6 @@ pub fn limited(file: File, limit: u64) -> io::Result<Limited<File>> {
     Ok(Limited::new(file, limit))
 }
 
-/// A file's bytes, no more than `limit`.
-pub fn open_limited(path: &Path, limit: u64) -> io::Result<Limited<File>> {
-    limited(open(path)?, limit)
-}
-
 /// A file's bytes, decompressed where it starts as gzip does; no more than `limit` before and after.
 pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
     unpack(open(path)?, limit)
@@ -115,7 +110,7 @@ pub fn sha256(mut source: impl Read) -> io::Result<String> {
 
 /// A file's text, no more than `limit` bytes of it.
 pub fn text(path: &Path, limit: u64) -> io::Result<String> {
-    io::read_to_string(open_limited(path, limit)?)
+    io::read_to_string(limited(open(path)?, limit)?)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -216,7 +216,8 @@ impl Axis {
                 return Ok(known);
             }
         }
-        let labels: IndexSet<String> = self.every().map(value_text).collect();
+        let label = |value: &Value| label_text(value.get("label").unwrap_or(value));
+        let labels: IndexSet<String> = self.every().map(label).collect();
         let plain = self.every().find(|value| !is_labelled(value));
         let Some(example) = plain else {
             let near = did_you_mean(text, labels.iter().map(String::as_str));
@@ -231,10 +232,6 @@ impl Axis {
         }
         self.parse(&value)
     }
-}
-
-fn value_text(value: &Value) -> String {
-    label_text(value.get("label").unwrap_or(value))
 }
 
 fn kind(value: &Value) -> &'static str {

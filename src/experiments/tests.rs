@@ -55,24 +55,6 @@ fn message(result: Result<impl std::fmt::Debug, ExperimentError>) -> String {
 }
 
 #[test]
-fn every_builtin_loads_and_expands_in_both_profiles() {
-    let ids = Experiment::builtin_ids();
-    assert!(ids.len() >= 9, "{ids:?}");
-    for id in ids {
-        let experiment = Experiment::load(&id).unwrap();
-        assert_eq!(experiment.id, id, "id and file name");
-        for profile in Profile::ALL {
-            let cells = experiment.cells(profile, &[], &[]).unwrap();
-            assert!(!cells.is_empty(), "{id} {profile:?}");
-            let mut keys: Vec<&str> = cells.iter().map(|cell| cell.cell.as_str()).collect();
-            keys.sort_unstable();
-            keys.dedup();
-            assert_eq!(keys.len(), cells.len(), "{id} {profile:?}");
-        }
-    }
-}
-
-#[test]
 fn published_figures_meet_cells_at_the_published_size() {
     for id in Experiment::builtin_ids() {
         let experiment = Experiment::load(&id).unwrap();
@@ -162,14 +144,6 @@ fn sweeps_multiply_axes_and_tables_move_parameters_together() {
     assert_eq!(set("e"), Some(json!(true)));
     assert_eq!(set("view.height"), Some(json!(6)));
     assert_eq!(cells[0].axes["size"], json!("small"));
-}
-
-#[test]
-fn axis_overrides_take_values_and_labels() {
-    let overrides = [parse_axis("caustics.grid=5").unwrap(), parse_axis("size=port").unwrap()];
-    let cells = own().cells(Profile::Paper, &overrides, &[]).unwrap();
-    assert_eq!(cells.len(), 1);
-    assert_eq!(cells[0].cell, "caustics.grid=5,size=port");
 }
 
 #[test]
@@ -313,18 +287,6 @@ fn broken_files_are_told_in_one_line() {
 }
 
 #[test]
-fn a_users_own_file_loads_by_its_path() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("own.toml");
-    std::fs::write(&path, SWEPT).unwrap();
-    let loaded = Experiment::load(path.to_str().unwrap()).unwrap();
-    assert_eq!(loaded, own());
-    assert_eq!(loaded.text, SWEPT);
-    let missing = message(Experiment::load("nowhere/own.toml"));
-    assert!(missing.starts_with("cannot read the experiment nowhere/own.toml"));
-}
-
-#[test]
 fn an_experiment_without_sweeps_is_one_cell() {
     let text = SWEPT.split("[[sweep]]").next().unwrap();
     let cells = Experiment::parse("own", text).unwrap().cells(Profile::Paper, &[], &[]).unwrap();
@@ -338,6 +300,7 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
     let stages: Vec<&str> = fathom_stages::REGISTRY.iter().map(|stage| stage.name).collect();
     for id in Experiment::builtin_ids() {
         let experiment = Experiment::load(&id).unwrap();
+        assert_eq!(experiment.id, id, "id and file name");
         let measured = experiment.measures();
         for stage in measured.iter().flat_map(|measure| measure.stages()) {
             assert!(stages.iter().any(|known| stage.covers(known)), "{id}: {stage}");

@@ -195,19 +195,6 @@ mod tests {
         assert_eq!(units(&(SWEEP.to_owned() + &bars)).len(), 4);
     }
 
-    #[test]
-    fn every_cell_of_every_builtin_experiment_is_in_one_unit() {
-        for id in Experiment::builtin_ids() {
-            let experiment = Experiment::load(&id).unwrap();
-            let plans = experiment.cells(Profile::Quick, &[], &[]).unwrap();
-            let units = experiment.units(&plans);
-            let mut members: Vec<usize> = units.iter().flatten().copied().collect();
-            members.sort_unstable();
-            println!("{id} {} {:?}", plans.len(), units.iter().map(Vec::len).collect::<Vec<_>>());
-            assert!(members.into_iter().eq(0..plans.len()), "{id}");
-        }
-    }
-
     const SWEPT: &str = r#"
 id = "own"
 title = "t"

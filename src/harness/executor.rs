@@ -326,7 +326,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
                 Dir::open(&folder).map_err(|source| picture::write_error(&folder, source))?;
             picture::write(picture, &folder, Path::new(name))
         };
-        let read = picture::read_image(&self.session.gpu, pipeline);
+        let read = picture::read_downscaled(&self.session.gpu, pipeline, 1);
         let saved = read.and_then(|picture| save(&picture, &image.path));
         let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
         findings.pictures.extend(saved.map(|()| image));

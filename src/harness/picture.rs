@@ -14,12 +14,8 @@ use image::{Rgb, RgbImage};
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;
 
-/// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
-pub fn read_image(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage> {
-    read_downscaled(gpu, pipeline, 1)
-}
-
-/// The same, `factor` times smaller: each pixel is the mean of a square of them. Light is averaged as light, visibility as it is.
+/// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not, and `factor` times smaller: each pixel
+/// is the mean of a square of them. Light is averaged as light, visibility as it is.
 pub fn read_downscaled(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImage> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {

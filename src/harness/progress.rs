@@ -105,21 +105,14 @@ fn clock(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::{Map, json};
 
     #[test]
     fn a_line_tells_time_cells_and_claims() {
         let mut progress = Progress::new(3, Instant::now(), 240.0);
         assert_eq!(progress.line(), "0:00 of 4:00, 0 of 3 cells");
-        let cell = |name: &str| Cell {
-            experiment: "e".to_owned(),
-            cell: name.to_owned(),
-            axes: Map::new(),
-            pipeline: "p".to_owned(),
-            scene: "s".to_owned(),
-            stand_ins: Vec::new(),
-            params: json!({}).into(),
-            outcome: Outcome::Measured(Box::default()),
+        let cell = |name: &str| {
+            let outcome = Outcome::Measured(Box::default());
+            Cell { cell: name.to_owned(), outcome, ..Cell::default() }
         };
         // A cell that is sampled once more is not another cell.
         ["a", "a", "b"].map(cell).iter().for_each(|cell| progress.finished(cell));

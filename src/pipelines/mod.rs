@@ -208,10 +208,6 @@ impl Judge<'_> {
         let scene = self.references.geometry.digest(self.scene);
         AnswerKey::new(kind).with(scene.as_bytes()).with(format!("{asked:?}").as_bytes())
     }
-
-    pub fn wants_error(&self, error: &str) -> bool {
-        self.requested.iter().any(|asked| asked == error)
-    }
 }
 
 /// What a frame is seen from, as the reference takes it: with the scene's camera, light and water. They are those of the frame but in
@@ -369,7 +365,7 @@ impl<P: PipelineInstance + ?Sized> BuiltPipeline<P> {
     /// As there.
     pub fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let mut judged = self.pipeline.judge(judge)?;
-        if judge.wants_error(IMAGE_ERROR)
+        if judge.requested.iter().any(|asked| asked == IMAGE_ERROR)
             && let Some(compared) = self.pipeline.caustics(judge)?
         {
             let of_image = compared.errors();

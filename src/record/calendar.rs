@@ -42,22 +42,9 @@ mod tests {
         ] {
             assert_eq!(seconds(text), Ok(expected), "{text}");
         }
-        let bad = [
-            "",
-            "0",
-            "0s",
-            "-5",
-            "-5s",
-            "5 parsecs",
-            "m",
-            "1e400",
-            "inf",
-            "NaN",
-            "5m-",
-            "1y",
-            "99999999999999999999h",
-        ];
-        for text in bad {
+        // The first is empty.
+        let bad = " 0 0s -5 -5s m 1e400 inf NaN 5m- 1y 99999999999999999999h".split(' ');
+        for text in bad.chain(["5 parsecs"]) {
             assert!(seconds(text).is_err_and(|told| told.contains("such as 90s")), "{text}");
         }
     }

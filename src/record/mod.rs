@@ -202,9 +202,8 @@ impl Adapter {
     }
 }
 
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display, Serialize, Deserialize, JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Display, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum PassKind {
@@ -224,9 +223,8 @@ impl PassKind {
 }
 
 /// The clock that timed a stage.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
     /// Timestamp queries at the pass's begin and end.
@@ -286,7 +284,7 @@ pub struct AuditRow {
 }
 
 /// One measured, skipped or failed point of an experiment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Cell {
     /// The experiment's id: lower-case letters, digits and `-`.
     #[schemars(regex(pattern = ID), length(max = text::ID_LENGTH))]
@@ -329,7 +327,7 @@ pub struct Begun {
 }
 
 /// What became of a cell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Outcome {
     /// Measured, at least in part.
@@ -345,6 +343,7 @@ pub enum Outcome {
         reason: String,
     },
     /// Not run: the run's time budget ended before its turn came. A resumed run measures it.
+    #[default]
     OverBudget,
 }
 

@@ -286,27 +286,6 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_with_records_is_only_resumed() {
-        let folder = tempfile::tempdir().unwrap();
-        let held = create(folder.path()).unwrap();
-        assert!(held.before.is_empty());
-        let error = create(folder.path()).unwrap_err().to_string();
-        let me = format!("in use by process {} (`", std::process::id());
-        assert!(error.contains(&me), "{error}");
-        let error = Recording::resume(Some(folder.path())).unwrap_err().to_string();
-        assert!(error.contains(&me), "{error}");
-        std::fs::write(held.output.records(), END).unwrap();
-        drop(held);
-        let error = create(folder.path()).unwrap_err();
-        assert!(error.to_string().contains("--resume"), "{error}");
-        let held = Recording::resume(Some(folder.path())).unwrap();
-        assert_eq!(held.before.len(), 1);
-        assert_eq!(held.damage, None);
-        drop(held);
-        assert_eq!(files(folder.path()), [RECORDS, PICTURES]);
-    }
-
-    #[test]
     fn a_folder_without_a_run_is_not_resumed_and_not_made() {
         let folder = tempfile::tempdir().unwrap();
         let typo = folder.path().join("typo");

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use serde_json::{Map, json};
+use serde_json::json;
 
 use super::*;
 
@@ -12,12 +12,9 @@ fn cell(name: &str, outcome: Outcome) -> Record {
     Record::Cell(Box::new(Cell {
         experiment: "e".to_owned(),
         cell: name.to_owned(),
-        axes: Map::new(),
-        pipeline: "p".to_owned(),
-        scene: "tank".to_owned(),
-        stand_ins: Vec::new(),
         params: json!({ "b": 1, "a": { "y": 0.1, "x": [1, 2] } }).into(),
         outcome,
+        ..Cell::default()
     }))
 }
 
@@ -47,22 +44,6 @@ fn open(path: &Path) -> Writer {
 
 fn append(path: &Path, record: &Record) {
     open(path).write(record).unwrap();
-}
-
-#[test]
-fn what_is_written_is_read() {
-    let (_folder, path) = file();
-    let definition = Definition { id: "e".to_owned(), toml: "id = \"e\"\n".to_owned() };
-    let records = [header(Profile::Quick), Record::Experiment(definition), skipped("a")];
-    let mut writer = open(&path);
-    for record in &records {
-        writer.write(record).unwrap();
-    }
-    append(&path, &skipped("b"));
-    let reading = read(&path).unwrap();
-    assert_eq!(reading.records[..3], records);
-    assert_eq!(reading.records[3], skipped("b"));
-    assert!(reading.damaged.is_empty());
 }
 
 #[test]
@@ -121,16 +102,6 @@ fn the_limit_of_a_line_is_the_last_length_that_is_read() {
     let (read, torn_bytes) = lines::sift(Path::new("-"), &*lines.join(&b'\n')).unwrap();
     assert_eq!((read.records, torn_bytes), (vec![skipped("a"), skipped("c")], 0));
     assert_eq!(read.damaged.to_string(), "line 2: longer than 8 MiB");
-}
-
-#[test]
-fn a_missing_file_and_another_format_are_named() {
-    let (_folder, path) = file();
-    let error = read(&path).unwrap_err().to_string();
-    assert!(error.starts_with(&format!("cannot read {}", path.display())), "{error}");
-    fs::write(&path, "{\"record\":\"run\",\"schema\":99,\"new\":true}\n").unwrap();
-    let error = read(&path).unwrap_err().to_string();
-    assert!(error.contains("line 1: record format 99"), "{error}");
 }
 
 #[test]

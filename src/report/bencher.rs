@@ -59,20 +59,6 @@ mod tests {
         serde_json::from_str(&export(&Report::new(records, None))).unwrap()
     }
 
-    /// A cell whose name is another's and a stage's is not that stage.
-    #[test]
-    fn names_with_spaces_are_told_apart() {
-        let mut records = fixtures::run();
-        let count = exported(&records).as_object().unwrap().len();
-        let mut cells = fixtures::cells(&mut records);
-        let [first, second] = [cells.next().unwrap(), cells.next().unwrap()];
-        let stage = &first.measured().unwrap().stages[0].stage;
-        second.cell = format!("{} {stage}", first.cell);
-        second.experiment.clone_from(&first.experiment);
-        drop(cells);
-        assert_eq!(exported(&records).as_object().unwrap().len(), count);
-    }
-
     #[test]
     fn it_is_as_documented_and_holds_medians_with_their_intervals() {
         let records = fixtures::run();

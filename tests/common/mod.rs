@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use fathom::experiments::parse_set;
 use fathom::gpu::{Gpu, Options};
 use fathom::record::{self, Cell, Measured, Outcome, Record};
-use serde_json::{Map, Value, json};
+use serde_json::Value;
 use tempfile::TempDir;
 
 /// The program with these words as arguments, for which no job has a page.
@@ -223,25 +223,15 @@ pub fn own_experiment(number: usize) -> String {
     )
 }
 
-/// So many files of such experiments, as words of the command line.
-pub fn own_experiments(place: &Place, count: usize) -> String {
-    let file = |number| {
-        place.write(format!("own-{number}.toml"), own_experiment(number)).display().to_string()
-    };
-    (1..=count).map(file).collect::<Vec<String>>().join(" ")
-}
-
 /// A cell of the experiment `own`.
 pub fn own_cell(name: &str, outcome: Outcome) -> Cell {
     Cell {
         experiment: "own".to_owned(),
         cell: name.to_owned(),
-        axes: Map::new(),
         pipeline: "underwater".to_owned(),
         scene: "tank".to_owned(),
-        stand_ins: Vec::new(),
-        params: json!({}).into(),
         outcome,
+        ..Cell::default()
     }
 }
 

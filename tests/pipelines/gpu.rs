@@ -1,8 +1,6 @@
 //! The GPU layer on whatever adapter is there: errors instead of panics, read-back, counters, timed frames
 //! and their accounting.
 
-use std::path::Path;
-
 use fathom::embedded::{Folder, Folders};
 use fathom::gpu::{
     ClockPlan, ColorTarget, DeviceError, FrameTimer, Gpu, GpuError, Options, StageScope,
@@ -10,8 +8,6 @@ use fathom::gpu::{
 };
 use fathom::record::{Clock, FaultKind, PassKind};
 use fathom::stages::kit::{Bindings, Buffer, Dispatch, DrawPass, RenderSpec, Resources, opaque};
-
-use crate::common::holds;
 
 /// Edge of the render stage's target in pixels, and invocations of the compute stage.
 const EDGE: u32 = 128;
@@ -292,17 +288,4 @@ fn an_unknown_adapter_lists_those_that_are_there() {
     let gpu = Gpu::open(&first).expect("the first is there");
     assert_eq!(gpu.adapter.name, Gpu::list()[0].adapter.name);
     gpu.shader("audit/loops", &[]).expect("it links without checks, too");
-}
-
-#[test]
-#[ignore = "run by `without_an_adapter_the_packages_are_named`, in a process without drivers"]
-fn child_without_drivers() {
-    println!("{}", Gpu::open(&Options::default()).err().expect("there is none"));
-}
-
-#[test]
-fn without_an_adapter_the_packages_are_named() {
-    let text = super::child("gpu::child_without_drivers", Path::new("/nonexistent.json"));
-    let named = ["no GPU adapter found (WGPU_BACKEND=vulkan)", "libvulkan1 mesa-vulkan-drivers"];
-    holds(&text, &named);
 }

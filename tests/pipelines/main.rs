@@ -1,7 +1,5 @@
 //! The GPU layer, scenes and whole pipelines on the adapter at hand: what they draw, what they tell, what they ask for, and the checks of their stages.
 
-#[cfg(feature = "nightly")]
-mod audit;
 mod capacity;
 #[path = "../common/mod.rs"]
 mod common;
@@ -15,24 +13,11 @@ mod verify;
 mod volume_ao;
 mod voxelize;
 
-use std::path::Path;
-
 use common::{gpu, this_program};
 use fathom::gpu::{Gpu, Pixels};
 use fathom::parameter;
 use fathom::pipelines::{BuiltPipeline, Pipeline, PipelineKind};
 use fathom::scene::{Scene, SceneFile};
-
-/// What an ignored test of this program prints in a process of its own, with the drivers of one manifest. The loader chooses a
-/// driver once per process.
-fn child(test: &str, manifest: &Path) -> String {
-    let mut child = this_program(test);
-    child.env("WGPU_BACKEND", "vulkan");
-    child.env("VK_DRIVER_FILES", manifest).env("VK_ICD_FILENAMES", manifest);
-    let output = child.env_remove("WGPU_ADAPTER_NAME").output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
 
 /// The scene, and the pipeline's parameters with some of them set, which the adapter can take.
 fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &str) -> (Scene, P::Params) {

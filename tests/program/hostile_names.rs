@@ -205,20 +205,3 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
     markdown_is_sound(&place.read("out/comment.md"));
     xml_is_sound("junit.xml", &place.read("out/junit.xml"));
 }
-
-#[test]
-fn pictures_of_different_cells_have_different_names() {
-    use fathom::harness::output::picture_path;
-    use fathom::record::PictureKind::{Error, Image};
-    let cells = HOSTILE.iter().chain(&["a/b", "A/B", "a b", "x~error"]);
-    let names: Vec<String> = cells
-        .flat_map(|cell| [Image, Error].map(|shows| picture_path("own", cell, shows)))
-        .chain([picture_path("own-x", "y", Image), picture_path("own", "x_y", Image)])
-        .collect();
-    for path in &names {
-        let name = path.strip_prefix("renders/").unwrap();
-        assert!(!name.contains(['/', '\\', '\0']) && name.len() < 255, "{name}");
-    }
-    assert!(names.iter().all_unique(), "{names:?}");
-    assert_eq!(picture_path("uw-default", "base", Image), "renders/uw-default_base.png");
-}

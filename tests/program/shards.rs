@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::common::{
-    Ends, Place, cells, measured, names, own_experiments, reference, reference_of, write_records,
+    Ends, Place, cells, measured, names, own_experiment, reference, reference_of, write_records,
 };
 use fathom::record::{Part, Record};
 
@@ -101,12 +101,12 @@ fn no_verdict_rests_on_two_machines() {
 #[test]
 fn shards_that_were_measured_make_a_run() {
     let place = Place::new();
-    let experiments = own_experiments(&place, 2);
+    for number in [1, 2] {
+        place.write(format!("own-{number}.toml"), own_experiment(number));
+    }
     let run = |part: &str, options: &str| {
-        let words = format!(
-            "run {experiments} --budget 10m --precision 1 --no-ceilings --shard {part} {options}"
-        );
-        place.fathom(words)
+        let run = "run own-1.toml own-2.toml --budget 10m --precision 1 --no-ceilings";
+        place.fathom(format!("{run} --shard {part} {options}"))
     };
     run("1/2", "--out shard-1").ends(0);
     run("2/2", "--out shard-2").ends(0);
@@ -125,12 +125,4 @@ fn shards_that_were_measured_make_a_run() {
         cells.iter().flat_map(|cell| measured(cell).frame.rounds.clone()).collect()
     });
     assert!(first.is_disjoint(&second));
-}
-
-#[test]
-fn a_part_that_is_none_is_refused() {
-    let place = Place::new();
-    for part in ["0/2", "3/2", "1", "a/b", "1/4096"] {
-        place.fathom(format!("run --shard {part}")).refused("--shard");
-    }
 }

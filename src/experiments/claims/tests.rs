@@ -26,16 +26,7 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
         quantities: BTreeMap::from([("error".to_owned(), ms)]),
         ..Measured::default()
     };
-    Cell {
-        experiment: "e".to_owned(),
-        cell: String::new(),
-        axes,
-        pipeline: "p".to_owned(),
-        scene: "tank".to_owned(),
-        stand_ins: Vec::new(),
-        params: json!({}).into(),
-        outcome: Outcome::Measured(Box::new(measured)),
-    }
+    Cell { axes, outcome: Outcome::Measured(Box::new(measured)), ..Cell::default() }
 }
 
 /// Cells along the axis `n` whose stage takes `ms(n)`.

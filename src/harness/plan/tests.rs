@@ -102,20 +102,6 @@ fn cells_beyond_a_limit_are_skipped_with_the_numbers_and_the_others_stay() {
     assert_eq!(record.cell, "caustics.buffer=20000x32");
 }
 
-#[test]
-fn finished_cells_are_dropped_by_their_key() {
-    let mut all = planned(&request(&[])).unwrap();
-    let record = all[0].cells[0].record(Outcome::Skipped { reason: String::new() });
-    let done = Earlier { cell: &record, is_continued: true };
-    let done = BTreeMap::from([(all[0].cells[0].resume_key.clone(), done)]);
-    drop_finished(&mut all, &done);
-    assert_eq!(all[0].cells.len(), 1);
-    assert_eq!(all[0].cells[0].plan.cell, "caustics.buffer=64x64");
-    let mut other = planned(&request(&[("shadow.size", json!(512))])).unwrap();
-    drop_finished(&mut other, &done);
-    assert_eq!(other[0].cells.len(), 2, "another parameter is another cell");
-}
-
 /// Degrees between the places at which a turned camera's path is tried.
 const PATH_STEP_DEG: f64 = 2.0;
 

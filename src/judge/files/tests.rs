@@ -27,12 +27,9 @@ fn cell(name: &str, quality: u32, outcome: Outcome) -> Record {
     Record::Cell(Box::new(Cell {
         experiment: "e".to_owned(),
         cell: name.to_owned(),
-        axes: serde_json::Map::new(),
-        pipeline: "p".to_owned(),
-        scene: "s".to_owned(),
-        stand_ins: Vec::new(),
         params: json!({ "quality": quality }).into(),
         outcome,
+        ..Cell::default()
     }))
 }
 

@@ -90,17 +90,3 @@ impl Params {
         scaled([self.view.width, self.view.height], self.hsao.scale)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn defaults_take_as_many_samples_as_the_paper_and_the_buffer_follows_the_viewport() {
-        let mut params = Params::from(&SceneFile::load("tank").unwrap());
-        let uniforms = params.hsao.uniforms(params.buffer_px(), 1.0);
-        assert_eq!(uniforms.samples_per_pixel(), 400);
-        params.hsao.scale = 0.5;
-        assert_eq!(params.buffer_px(), [300, 300]);
-    }
-}

@@ -5,29 +5,13 @@ use fathom_scene::Mesh;
 
 /// A floor y = 0 and a wall x = 0 above it, 8 m wide.
 pub fn corner() -> Vec<Object> {
-    let quad = |corners: [[f32; 3]; 4], normal: [f32; 3]| Object {
-        name: "quad".into(),
-        mesh: Mesh {
-            positions: corners.to_vec(),
-            normals: vec![normal; 4],
-            indices: vec![0, 1, 2, 0, 2, 3],
-        },
-        material: Material::default(),
-    };
-    let floor = [[0.0, 0.0, -4.0], [0.0, 0.0, 4.0], [8.0, 0.0, 4.0], [8.0, 0.0, -4.0]];
-    let wall = [[0.0, 0.0, -4.0], [0.0, 8.0, -4.0], [0.0, 8.0, 4.0], [0.0, 0.0, 4.0]];
-    vec![quad(floor, [0.0, 1.0, 0.0]), quad(wall, [1.0, 0.0, 0.0])]
+    let [x, y, z] = DVec3::AXES.map(|axis| 4.0 * axis);
+    let quads = [Mesh::parallelogram(x, z, x), Mesh::parallelogram(y, y, z)];
+    quads.map(|mesh| Object::new("quad", mesh)).into()
 }
 
 pub fn camera(position_m: [f64; 3]) -> Camera {
-    Camera {
-        position_m,
-        target_m: [0.5, 0.5, 0.0],
-        up: [0.0, 1.0, 0.0],
-        fov_y_deg: 50.0,
-        z_near_m: 0.1,
-        z_far_m: 50.0,
-    }
+    Camera::new(position_m, [0.5, 0.5, 0.0], 50.0, [0.1, 50.0])
 }
 
 /// Depths and normals as a G-buffer has them.

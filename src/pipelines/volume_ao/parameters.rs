@@ -101,15 +101,3 @@ impl Params {
         settings::scaled([self.view.width, self.view.height], self.ao.scale)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_buffer_follows_the_viewport() {
-        let mut params = Params::from(&SceneFile::load("plane").unwrap());
-        params.ao.scale = 0.5;
-        assert_eq!(params.buffer_px(), [300, 300]);
-    }
-}

@@ -87,8 +87,8 @@ impl MapPanel {
             });
             MapGrid { title: title(plot, experiment, &panel), fields: fields.collect() }
         };
-        let maps: Vec<MapGrid> =
-            panels.into_iter().map(grid).filter(MapGrid::has_a_value).collect();
+        let has_a_value = |map: &MapGrid| map.fields.iter().flatten().any(Option::is_some);
+        let maps: Vec<MapGrid> = panels.into_iter().map(grid).filter(has_a_value).collect();
         let shows = names::y_title(plot, Some(y));
         let scale = scale(values.values().copied());
         Ok(scale.map(|scale| MapPanel { shows, columns, rows, maps, scale }))
@@ -141,12 +141,6 @@ fn field_of(area: &Area<'_>, scale: &Scale, value: Option<f64>, (x, y): (i32, i3
     let ink = style::on(color, style::label());
     let middle = (x + FIELD_PX.0 / 2, y + FIELD_PX.1 / 2);
     area.draw_text(&number, &style::centered(ink), middle)
-}
-
-impl MapGrid {
-    fn has_a_value(&self) -> bool {
-        self.fields.iter().flatten().any(Option::is_some)
-    }
 }
 
 /// Values above it over the smallest need a logarithm, so that small ones differ in colour, too.

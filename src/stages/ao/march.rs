@@ -162,14 +162,7 @@ mod tests {
 
     #[test]
     fn rectangles_hold_what_a_box_covers() {
-        let camera = Camera {
-            position_m: [0.0, 0.0, 5.0],
-            target_m: [0.0; 3],
-            up: [0.0, 1.0, 0.0],
-            fov_y_deg: 90.0,
-            z_near_m: 0.1,
-            z_far_m: 100.0,
-        };
+        let camera = Camera::new([0.0, 0.0, 5.0], [0.0; 3], 90.0, [0.1, 100.0]);
         let m = camera.view_projection(1.0);
         let cube = |center: DVec3, half: f64| grown(&Bounds { min: center, max: center }, half);
         // At 4 m the image spans 8 m: the near face of a cube of 2 m covers a quarter of it.

@@ -210,16 +210,11 @@ impl Geometry {
 
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, part: Objects) {
         for range in self.ranges(part) {
-            self.draw_range(pass, range.clone());
+            self.draw_instances(pass, range.clone(), 0..1);
         }
     }
 
-    /// Draws a part of the indices, such as one of [`Geometry::objects`].
-    pub fn draw_range(&self, pass: &mut wgpu::RenderPass<'_>, part: Range<u32>) {
-        self.draw_instances(pass, part, 0..1);
-    }
-
-    /// Draws a part of the indices once for each instance.
+    /// Draws a part of the indices, such as one of [`Geometry::objects`], once for each instance.
     pub fn draw_instances(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
@@ -231,16 +226,12 @@ impl Geometry {
         pass.draw_indexed(part, 0, instances);
     }
 
-    fn index_count(&self) -> u32 {
-        self.objects.last().map_or(0, |object| object.end)
-    }
-
     pub fn vertices(&self) -> u64 {
         self.vertices.size() / size_of::<SceneVertex>() as u64
     }
 
     pub fn triangles(&self) -> u64 {
-        u64::from(self.index_count()) / 3
+        self.objects.last().map_or(0, |object| u64::from(object.end)) / 3
     }
 
     /// Those that [`Self::draw`] draws.

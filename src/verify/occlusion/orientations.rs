@@ -76,7 +76,7 @@ fn check(
     (control.change)(&mut other);
     let turned = turned(make)?;
     let errors = |params: &Params, turned: &[TurnedBody]| {
-        let errors = turned.iter().map(|turned| turned.rms_error(rig, params));
+        let errors = turned.iter().map(|turned| turned.errors(rig, params).map(rms));
         errors.collect::<Result<Vec<f64>>>()
     };
     let [default, other] = [errors(&default, &turned)?, errors(&other, &turned[CONTROL_BODIES])?];
@@ -164,10 +164,6 @@ impl TurnedBody {
     pub fn errors(&self, rig: &Rig<'_>, params: &Params) -> Result<Vec<f64>> {
         let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
         Ok(found.iter().zip(&self.exact).map(|(a, b)| f64::from(*a) - b).collect())
-    }
-
-    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64> {
-        Ok(rms(self.errors(rig, params)?))
     }
 }
 
