@@ -9,8 +9,9 @@ use strum::{Display, EnumMessage};
 use fathom_base::private;
 
 /// How large an experiment runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[derive(Display, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Display, Serialize, Deserialize, JsonSchema,
+)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -35,8 +36,9 @@ impl Profile {
 }
 
 /// Whether wgpu's bounds and loop checks are compiled into the shaders.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[derive(Display, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Display, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum ShaderChecks {
@@ -56,8 +58,9 @@ pub enum Surrounding {
 }
 
 /// What a run does besides rendering the frames that it measures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[derive(Display, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
 pub enum SetUp {
@@ -113,8 +116,9 @@ impl Note {
 
 /// What a note is about.
 // The page shows these comments.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[derive(Serialize, Deserialize, JsonSchema, EnumMessage)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, EnumMessage,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum NoteKind {
     /// The adapter lacks a feature, or the environment changes how it works.
@@ -221,8 +225,9 @@ impl fmt::Display for Rejection {
 }
 
 /// What was wrong with a frame's times.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[derive(Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultKind {
     Zero,

@@ -8,8 +8,19 @@ use serde::{Deserialize, Serialize};
 use strum::{Display, EnumIter, EnumString};
 
 /// A feature that fathom uses where an adapter has it. Names are those of WebGPU, and of wgpu where WebGPU has none.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[derive(Display, EnumIter, EnumString, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    Display,
+    EnumIter,
+    EnumString,
+    Serialize,
+    Deserialize,
+    JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Feature {
