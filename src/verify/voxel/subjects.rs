@@ -84,8 +84,9 @@ impl VoxelScene {
             [0.5, 4.5, 8.5, 12.5, 16.5, 20.5, 28.5, 36.5, TILED_PX as f64 + 0.5];
         let grid = Grid { cells: [48; 3], origin_m: DVec3::new(-2.5, -1.75, 0.25), voxel_m: 0.125 };
         let mut random = Random::new(13);
-        let mut line =
-            |k: usize| LINES_PX[k] + f64::from(k % 8 > 0) * random.within(-1.5, 1.5).round();
+        let mut line = |k: usize| {
+            LINES_PX[k] + f64::from(!k.is_multiple_of(8)) * random.within(-1.5, 1.5).round()
+        };
         let corners: Vec<_> = (0..81).map(|number| [line(number % 9), line(number / 9)]).collect();
         let halves = (0..72).filter(|first| first % 9 < 8).flat_map(|first| {
             let [a, b, c, d] = [0, 1, 10, 9].map(|next| corners[first + next]);
