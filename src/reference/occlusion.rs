@@ -140,8 +140,8 @@ mod tests {
         // All rays of a long reach cross both sheets. Within 1.5 m they meet the first alone where cos θ > 1 / 1.5: cos² θ is uniform.
         for (r_max_m, exact) in [(200.0, 1.0 - 0.7 * 0.5), (1.5, 0.3 * (1.0 - 1.0 / 2.25))] {
             let alphas = [1.0, 0.3, 0.5];
-            let found = occlusion_through(&tracer, DVec3::ZERO, DVec3::Y, r_max_m, &alphas, 4096);
-            assert!((found - exact).abs() < 1e-3, "{found} {exact}");
+            let cast = occlusion_through(&tracer, DVec3::ZERO, DVec3::Y, r_max_m, &alphas, 4096);
+            assert!((cast - exact).abs() < 1e-3, "{cast} {exact}");
         }
     }
 }

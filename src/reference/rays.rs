@@ -96,6 +96,7 @@ impl Tracer {
                 BvhNode::Node {
                     child_l_index, child_l_aabb, child_r_index, child_r_aabb, ..
                 } => {
+                    // Each by itself: a closure of `map` stays a call, here and in `intersect`.
                     let left = (entry_m(child_l_aabb, origin, inverse), *child_l_index);
                     let right = (entry_m(child_r_aabb, origin, inverse), *child_r_index);
                     // The nearer one last, so that it is opened first.

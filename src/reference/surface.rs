@@ -110,18 +110,30 @@ fn root(f: impl Fn(f64) -> f64, mut low: (f64, f64), mut high: (f64, f64)) -> f6
 
 #[cfg(test)]
 mod tests {
+    use fathom_scene::Wave;
     use proptest::prelude::*;
 
     use super::*;
 
     fn rough(model: WaterModel, amplitude_m: f64, noise: f64) -> Water {
+        let wave = |direction: [f64; 2], part: f64| Wave {
+            direction,
+            wavelength_m: 1.3 / part,
+            amplitude_m: 0.5 * amplitude_m / part,
+            phase_rad: 5.0 * noise,
+        };
+        let (time_s, half_size_m) = (0.7, [6.0, 6.0]);
+        let waves = vec![wave([1.0, 0.3], 1.0), wave([-0.2, 1.0], 1.7)];
+        let waves = if model == WaterModel::Waves { waves } else { Vec::new() };
+        let wavelength_m = 1.3;
         Water {
             model,
             amplitude_m,
-            wavelength_m: 1.3,
+            wavelength_m,
             noise,
-            time_s: 0.7,
-            half_size_m: [6.0, 6.0],
+            time_s,
+            half_size_m,
+            waves,
             ..Water::default()
         }
     }
@@ -134,11 +146,11 @@ mod tests {
     proptest! {
         #[test]
         fn entries_lie_on_the_surface_and_are_the_first(
-            x in -4.0..4.0f64, z in -4.0..4.0f64, tilt in 0.0..1.2f64, phi in 0.0..std::f64::consts::TAU, circular: bool,
-            amplitude_m in 0.0..0.4f64, noise in 0.0..1.0f64,
+            x in -4.0..4.0f64, z in -4.0..4.0f64, tilt in 0.0..1.2f64, phi in 0.0..std::f64::consts::TAU, amplitude_m in 0.0..0.4f64,
+            noise in 0.0..1.0f64, model in 0..3usize,
         ) {
-            let model = if circular { WaterModel::Circular } else { WaterModel::Directional };
-            let water = rough(model, amplitude_m, noise);
+            let models = [WaterModel::Circular, WaterModel::Directional, WaterModel::Waves];
+            let water = rough(models[model], amplitude_m, noise);
             let (origin, direction) = ray(x, z, tilt, phi);
             let entry = enter(&water, origin, direction, 100.0).expect("a ray into the middle enters");
             let p = origin + direction * entry.distance_m;

@@ -138,13 +138,20 @@ fn measure(work: f64, plain: bool, folder: &str) -> Result<(), Box<dyn Error>> {
     Ok(clock.write(folder.as_ref())?)
 }
 
+fn factor(text: Option<String>) -> Result<f64, &'static str> {
+    let number = text.and_then(|text| text.parse().ok());
+    number
+        .filter(|factor| (0.0..=100.0).contains(factor))
+        .ok_or("--work needs a factor from 0 to 100")
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let (mut work, mut folder) = (1.0, "vello-frames".to_owned());
     let [mut plain, mut counted, mut worker] = [false; 3];
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
-            "--work" => work = arguments.next().ok_or("--work needs a factor")?.parse()?,
+            "--work" => work = factor(arguments.next())?,
             "--plain" => plain = true,
             "--counted" => counted = true,
             "--worker" => worker = true,

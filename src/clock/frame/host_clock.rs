@@ -22,11 +22,6 @@ impl HostClock {
         if kinds.contains(&Clock::ProcessCpu) { Self::ProcessCpu } else { Self::Wall }
     }
 
-    /// What records call it where it is read around a submission.
-    pub(super) fn around_submissions(self) -> Clock {
-        if self == Self::ProcessCpu { Clock::ProcessCpu } else { Clock::FencedHost }
-    }
-
     /// Nanoseconds since a fixed moment.
     pub fn now_ns(self) -> f64 {
         match self {

@@ -236,7 +236,8 @@ impl FrameTimer {
         for work in &self.recorder.host {
             if work.submits {
                 account.gaps_ns += self.submit_cost_ns(SUBMISSION);
-                let clock = HostClock::from_plan(&self.plan).around_submissions();
+                let is_cpu = HostClock::from_plan(&self.plan) == HostClock::ProcessCpu;
+                let clock = if is_cpu { Clock::ProcessCpu } else { Clock::FencedHost };
                 self.add_fenced(&mut account, (work.stage, SUBMISSION, clock), work.ns);
             } else {
                 account.add(work.stage, Clock::Host, Ok(work.ns));

@@ -1,4 +1,4 @@
-//! `ao/query` against closed forms: a plane and a corner.
+//! `ao/query` against closed forms: a plane, a corner, a ceiling.
 
 use super::*;
 use fathom_reference::occlusion::occlusion_beside_wall;
@@ -10,7 +10,11 @@ const SIDE: u32 = 96;
 const R_MAX: f64 = 40.0;
 
 pub fn cases() -> Vec<Case> {
-    vec![Case::new(INFO.name, "plane", plane), Case::new(INFO.name, "corner", corner)]
+    vec![
+        Case::new(INFO.name, "plane", plane),
+        Case::new(INFO.name, "corner", corner),
+        Case::new(INFO.name, "ceiling of a voxel", ceiling),
+    ]
 }
 
 /// Steps of half a voxel and hard attenuation: A is a solid angle. The threshold is one for shells that are a voxel thick at
@@ -74,4 +78,32 @@ fn corner(rig: &Rig<'_>) -> Checks {
     };
     // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
     [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)].into_iter().map(check).collect()
+}
+
+/// A ceiling of one voxel along an axis, by the defaults: no ray passes through it, wherever between two voxels the points lie. Rays that
+/// meet it within r_max, of hard attenuation, are those with cos θ > h / r_max: A = 1 − (h / r_max)².
+fn ceiling(rig: &Rig<'_>) -> Result<Check> {
+    /// Heights of the points within a voxel.
+    const SHIFTS: u32 = 16;
+    let layer = 12.5;
+    let is_ceiling = |p: DVec3| (p.y - layer * VOXEL_M).abs() < 0.25 * VOXEL_M;
+    let heights: Vec<f64> = (0..SHIFTS).map(|i| f64::from(i) / f64::from(SHIFTS)).collect();
+    let points: Vec<_> =
+        heights.iter().map(|y| (DVec3::new(0.3, *y, 0.7) * VOXEL_M, DVec3::Y)).collect();
+    let errors = |hit: Option<HitPoint>| -> Result<f64> {
+        let settings = marching(|m| {
+            m.r_max_m = R_MAX * VOXEL_M;
+            m.rays = 256;
+            m.attenuation = Attenuation::Hard;
+            m.hit = hit.unwrap_or(m.hit);
+        });
+        // V reaches the threshold before the layer's middle.
+        let before = 1.0 - settings.threshold + settings.offset_voxels;
+        let law = |y: &f64| 1.0 - ((layer - before - y) / R_MAX).powi(2);
+        let found = run_query(rig, is_ceiling, &points, &settings)?;
+        Ok(largest(found.iter().zip(&heights).map(|(a, y)| (a - law(y)).abs())))
+    };
+    Ok(Check::new(rig, "A below a ceiling of a voxel, largest error at 16 places within a voxel")
+        .within((0.02, "1"), errors(None)?)
+        .control("hits at whole steps only", errors(Some(HitPoint::Sample))?))
 }

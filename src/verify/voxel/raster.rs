@@ -72,10 +72,9 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: SliceAxis, rasterizer: Rasteriz
         let mut met = [[0; TILED_PX as usize]; TILED_PX as usize];
         for (cell, _) in cells(&tiles.grid).zip(found(&tiles)?).filter(|(_, found)| *found) {
             let [column, row, _] = axis.turn(cell).map(|k| k as usize);
-            met.get_mut(row)
-                .and_then(|row| row.get_mut(column))
-                .into_iter()
-                .for_each(|met| *met += 1);
+            if let Some(met) = met.get_mut(row).and_then(|row| row.get_mut(column)) {
+                *met += 1;
+            }
         }
         let inner = met[1..].iter().flat_map(|row| &row[1..]);
         Ok(inner.filter(|met| **met != 1).count() as f64)
