@@ -15,6 +15,7 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "known inputs against closed forms", known_inputs),
         Case::new(STAGE, "shadows against rays", shadows),
+        Case::new(STAGE, "a plane in slanted light", unshaded),
     ]
 }
 
@@ -48,7 +49,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     ];
     let mut checks = Vec::new();
     for (name, known) in cases {
-        let shown = known.composed(rig, &view, false)?;
+        let shown = known.composed(rig, &view, depth(&view), false)?;
         let brighter =
             SurfaceInputs { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
         checks.push(
@@ -57,7 +58,18 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
                 .control("reflectances 5 % higher", brighter.error(&shown, &view)),
         );
     }
-    let shown = LIT.composed(rig, &view, true)?;
+    let behind = LIT.composed(rig, &view, 1.0, true)?;
+    // The greys of the shader, below and above.
+    let background = |low: f64, high: f64| {
+        let grey = |x, y| low + (high - low) * 0.5 * (1.0 + rig::rays(&view).ray(x, y).1.y);
+        largest(pixels(SIZE).map(|(x, y)| (behind.get((x, y)) - grey(x, y)).abs()))
+    };
+    checks.push(
+        Check::new(rig, "where nothing is seen: largest error of the grey")
+            .within((0.51 / 255.0, "1"), background(0.30, 0.75))
+            .control("a gradient upside down", background(0.75, 0.30)),
+    );
+    let shown = LIT.composed(rig, &view, depth(&view), true)?;
     let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
     checks.push(
         Check::new(rig, "occlusion alone is shown as it is: largest error")
@@ -74,12 +86,18 @@ fn depth(view: &View) -> f64 {
 
 impl SurfaceInputs {
     /// The picture, one channel.
-    fn composed(&self, rig: &Rig<'_>, view: &View, shows_occlusion: bool) -> Result<Image> {
+    fn composed(
+        &self,
+        rig: &Rig<'_>,
+        view: &View,
+        depth: f64,
+        shows_occlusion: bool,
+    ) -> Result<Image> {
         let grey = |value: f64| rig.constant(SIZE, [value as f32; 4]);
         let gbuffer = GBuffer {
             albedo: grey(self.albedo)?,
             normal: rig.constant(SIZE, NORMAL.as_vec3().extend(self.specular as f32).to_array())?,
-            depth: rig.depth(SIZE, depth(view))?,
+            depth: rig.depth(SIZE, depth)?,
         };
         let lit = LitInputs {
             picture: Picture::new(&gbuffer, self.exposure, AMBIENT),
@@ -113,16 +131,7 @@ impl SurfaceInputs {
 fn shadows(rig: &Rig<'_>) -> Result<Check> {
     const START_M: f64 = 1e-3;
     let fixture = rig.fixture(Scene::load("tank")?, SIZE)?;
-    let light = shadow::depth::new(rig, &fixture.shared, &fixture.geometry, 1024)?;
-    let white = rig.constant(SIZE, [1.0; 4])?;
-    let gbuffer = GBuffer { albedo: white.clone(), ..rig.gbuffer(&fixture)? };
-    let lit = LitInputs {
-        picture: Picture::new(&gbuffer, 1e3, 0.0),
-        visibility: &white,
-        shadow: light.texture(),
-    };
-    let stage = compose::new(rig, &fixture.shared, &lit, false)?;
-    let shown = rig.draw(&[&light, &stage], stage.texture(), 0)?;
+    let shown = lit(rig, &fixture, &fixture.geometry, 1e3)?;
     // Of the covered pixels: whether a ray to the light is free, and whether the picture is lit. Pixels that the light strikes at a slant
     // of less than 5 degrees are left out.
     let judged = |toward: DVec3| -> Vec<[bool; 2]> {
@@ -143,4 +152,39 @@ fn shadows(rig: &Rig<'_>) -> Result<Check> {
         .within((0.015, "1"), unlike(&judged))
         .control("light turned by about 20 degrees", unlike(&turned))
         .with("in_shadow_share", share(judged.iter().map(|[free, _]| !free))))
+}
+
+/// A white scene in the light that a geometry leaves.
+fn lit(rig: &Rig<'_>, fixture: &Fixture, caster: &Geometry, exposure: f64) -> Result<Image> {
+    let light = shadow::depth::new(rig, &fixture.shared, caster, 1024)?;
+    let white = rig.constant(SIZE, [1.0; 4])?;
+    let gbuffer = GBuffer { albedo: white.clone(), ..rig.gbuffer(fixture)? };
+    let lit = LitInputs {
+        picture: Picture::new(&gbuffer, exposure, 0.0),
+        visibility: &white,
+        shadow: light.texture(),
+    };
+    let stage = compose::new(rig, &fixture.shared, &lit, false)?;
+    Ok(rig.draw(&[&light, &stage], stage.texture(), 0)?)
+}
+
+/// No plane lies in its own shadow. One as far above it as two texels of the map are wide lays a shadow on it.
+fn unshaded(rig: &Rig<'_>) -> Result<Check> {
+    let mut scene = rig::flat_plane(LightKind::Directional)?;
+    scene.light.direction = [1.0, -0.5, 0.7];
+    let fixture = rig.fixture(scene.clone(), SIZE)?;
+    let texel_m = 2.0 * scene.light.half_extent_m / 1024.0;
+    for position in scene.objects.iter_mut().flat_map(|object| &mut object.mesh.positions) {
+        position[1] += 2.0 * texel_m as f32;
+    }
+    let above = Geometry::new(rig, &scene);
+    let dark = |caster| -> Result<f64> {
+        let shown = lit(rig, &fixture, caster, 0.3)?;
+        let seen = pixels(SIZE).filter(|at| fixture.hit(*at).is_some()).map(|at| shown.get(at));
+        let brightest = largest(seen.clone());
+        Ok(share(seen.map(|shown| shown < 0.99 * brightest)))
+    };
+    Ok(Check::new(rig, "share of pixels in shadow")
+        .within((0.0, "1"), dark(&fixture.geometry)?)
+        .control("a plane two texels above it casts the shadow", dark(&above)?))
 }

@@ -9,6 +9,8 @@ const STAGE: &str = "compose";
 const SIZE: [u32; 2] = [96, 64];
 /// Distance of the wall that fills the view, metres.
 const WALL_M: f64 = 4.0;
+/// How deep its middle is.
+const DEPTH_M: f64 = 2.0;
 const GAMMA_PER_M: f64 = 0.13;
 /// Channel that is judged: the water's tint leaves blue as it is.
 const BLUE: usize = 2;
@@ -36,6 +38,7 @@ pub fn cases() -> Vec<Case> {
             upscaled(rig, "godrays", lit)
         }),
         Case::new(STAGE, "flux of pixels over the area behind them", conserved),
+        Case::new(STAGE, "light of the sky below water", sky),
         Case::new(STAGE, "screen-space ambient occlusion", occlusion),
     ]
 }
@@ -148,14 +151,35 @@ impl Buffers {
     }
 }
 
-/// A wall across a narrow view under water, with the bands upon it: white where they light it, grey where they are added.
-fn wall(rig: &Rig<'_>, gamma_per_m: f64, added: bool) -> Result<Bands> {
+/// A narrow view under water.
+fn narrow_view(gamma_per_m: f64) -> Result<View> {
     let mut view = rig::synthetic_view(SIZE, gamma_per_m)?;
     // So narrow that the path through the water is the same for all pixels.
     view.camera.fov_y_deg = 1.0;
     // Deep enough that the surface is not in view.
-    view.camera.position_m[1] = -2.0;
-    view.camera.target_m[1] = -2.0;
+    view.camera.position_m[1] = -DEPTH_M;
+    view.camera.target_m[1] = -DEPTH_M;
+    Ok(view)
+}
+
+/// What a white wall sends of the sky's light has come down to it, and on to the viewer.
+fn sky(rig: &Rig<'_>) -> Result<Check> {
+    let seen = |gamma_per_m: f64| -> Result<f64> {
+        let view = narrow_view(gamma_per_m)?;
+        let white = Buffers::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 2.0);
+        let black = Buffers { albedo: 0.0, ..white.clone() };
+        Ok(black.brightened(white, rig, &view)?.mean())
+    };
+    let left = seen(GAMMA_PER_M)? / seen(0.0)?;
+    let error = |way_m: f64| relative_error(left, transmittance(GAMMA_PER_M, way_m));
+    Ok(Check::new(rig, "share that 2 m down and 4 m across leave: relative error")
+        .within((0.02, "1"), error(DEPTH_M + WALL_M))
+        .control("no water above the wall", error(WALL_M)))
+}
+
+/// A wall across the view, with the bands upon it: white where they light it, grey where they are added.
+fn wall(rig: &Rig<'_>, gamma_per_m: f64, added: bool) -> Result<Bands> {
+    let view = narrow_view(gamma_per_m)?;
     let (columns, rows) = (SIZE[0] / 3, SIZE[1] / 2);
     let caustics = |x: u32, _| {
         let within = f64::from(x % columns) + 0.5;

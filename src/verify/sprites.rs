@@ -12,6 +12,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(draw::INFO.name, "energy on a slanted plane", energy),
         Case::new(draw::INFO.name, "Eq. 1 pixel by pixel", sprite_shape),
         Case::new(draw::INFO.name, "in the screen's plane, pixel by pixel", facing_shape),
+        Case::new(draw::INFO.name, "Eq. 1 at the edges of a wide view", at_edges),
         Case::new(draw::INFO.name, "behind a wall", hidden),
         Case::new(compose::INFO.name, "light of sprites", composed),
     ]
@@ -32,7 +33,13 @@ struct SpriteScene {
 
 impl SpriteScene {
     fn new(rig: &Rig<'_>) -> Result<Self> {
+        Self::strewn(rig, [[0.4, 0.6], [0.65, 0.75]], 60.0)
+    }
+
+    /// Photons between these shares of the picture's width and height.
+    fn strewn(rig: &Rig<'_>, within: [[f64; 2]; 2], fov_y_deg: f64) -> Result<Self> {
         let mut scene = rig::flat_plane(LightKind::Directional)?;
+        scene.camera.fov_y_deg = fov_y_deg;
         scene.water.attenuation_per_m = GAMMA_PER_M;
         scene.camera.up = [0.3, 1.0, 0.1];
         let fixture = rig.fixture(scene, SIZE)?;
@@ -41,7 +48,7 @@ impl SpriteScene {
         rig.run(&[&peel])?;
         let mut random = Random::new(7);
         let hit = |_| {
-            let shares = [random.within(0.4, 0.6), random.within(0.65, 0.75)];
+            let shares = within.map(|[low, high]| random.within(low, high));
             let [x, y] = [0, 1].map(|axis| f64::from(SIZE[axis]) * shares[axis]);
             let (origin, direction, _) = fixture.rays.ray_at(x, y);
             Some(fixture.tracer.cast(origin, direction, 0.0, f64::MAX)?.position)
@@ -114,7 +121,15 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
 
 /// Each pixel against Eq. 1 evaluated in f64.
 fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
-    let lit = SpriteScene::new(rig)?;
+    shape(rig, &SpriteScene::new(rig)?)
+}
+
+/// Far from the middle of a wide view a sprite covers more of the picture than in the middle.
+fn at_edges(rig: &Rig<'_>) -> Result<Check> {
+    shape(rig, &SpriteScene::strewn(rig, [[0.02, 0.98], [0.9, 0.98]], 100.0)?)
+}
+
+fn shape(rig: &Rig<'_>, lit: &SpriteScene) -> Result<Check> {
     let irradiance = lit.irradiance(rig, &lit.fixture, &SPRITE)?;
     let errors = |radius_m| lit.errors(&irradiance, DVec3::Y, radius_m);
     Ok(Check::new(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")

@@ -18,6 +18,7 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(OVERLAP, "conservative", overlap),
         Case::new(OVERLAP, "more huge triangles than a loop has turns", many_huge),
+        Case::new(OVERLAP, "voxels that a plane touches at edges and corners", touched),
         Case::new(ALPHA, "largest alpha of three objects", alpha),
     ]
 }
@@ -44,6 +45,28 @@ fn many_huge(rig: &Rig<'_>) -> Checks {
     let kinds = vec![triangles[0], triangles[triangles.len() - 1]];
     let name = format!("{HUGE} huge triangles");
     no_errors(rig, &name, &[(kinds, subject)])
+}
+
+/// A voxel that a triangle only touches counts, whichever way the corners were rounded.
+fn touched(rig: &Rig<'_>) -> Result<Check> {
+    /// More than the corners' rounding, and less than what the stage allows for it.
+    const TOUCHING_VOXELS: f64 = 1e-5;
+    let (mut missed, mut moved, mut touching) = (0.0, 0.0, 0.0);
+    for subject in VoxelScene::diagonals()? {
+        let found = subject.voxelized(rig, |geometry, parts| overlap::new(rig, geometry, parts))?;
+        let count = |grid: &Grid, judged: fn(&bool, f64) -> bool| {
+            let gaps = gaps(&subject.triangles(), grid);
+            found.iter().zip(gaps).filter(|(found, gap)| judged(found, *gap)).count() as f64
+        };
+        let is_missed = |found: &bool, gap: f64| !found && gap < TOUCHING_VOXELS;
+        missed += count(&subject.grid, is_missed);
+        moved += count(&subject.shifted(2.0), is_missed);
+        touching += count(&subject.grid, |_, gap| gap.abs() < TOUCHING_VOXELS);
+    }
+    Ok(Check::new(rig, "touched voxels missed")
+        .within((0.0, "1"), missed)
+        .control("grid moved by two voxels", moved)
+        .with("touched_voxels", touching))
 }
 
 /// No false negatives and no false positives outside the borderline band, over subjects with the triangles that count.

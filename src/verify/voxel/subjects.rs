@@ -77,6 +77,20 @@ impl VoxelScene {
         (0..quads).map(subject).collect()
     }
 
+    /// Planes through corners of voxels, along diagonals of their faces and of their insides. No edge of the grid is exact in binary.
+    pub fn diagonals() -> Result<Vec<Self>> {
+        let origin_m = DVec3::new(-1.37, -2.21, 0.43);
+        let grid = rounded(&Grid { cells: [40, 33, 48], origin_m, voxel_m: 0.1 });
+        let edges = [[[1, 1, 0], [0, 0, 1]], [[1, -1, 0], [0, 1, -1]], [[2, 1, 0], [0, 1, 1]]];
+        let place = |voxels: [i32; 3]| DVec3::from(voxels.map(f64::from)) * grid.voxel_m;
+        let subject = |edges: [[i32; 3]; 2]| {
+            let middle = grid.origin_m + place([20, 16, 24]);
+            let [along, up] = edges.map(|voxels| 10.3 * place(voxels));
+            Self::new("diagonals", Mesh::parallelogram(middle, along, up), grid)
+        };
+        edges.into_iter().map(subject).collect()
+    }
+
     /// Triangles side by side across an axis, each in a slice of its own: all corners and many places of edges are pixels' centres. The larger ones are
     /// for the raster units. Every second one is moved aside.
     pub fn tiles(axis: SliceAxis, moved_px: f64) -> Result<Self> {
