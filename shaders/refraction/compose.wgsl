@@ -83,25 +83,23 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let from_camera_m = at.position_m - frame.camera_position_m;
     let sight = normalize(from_camera_m);
     let has_glass = exit.w > 0.0 && (at.z >= 1.0 || exit.w < length(from_camera_m));
-    if !has_glass && at.z < 1.0 {
-        return shown(at.texel);
-    }
+    var seen = select(vec2(-1), at.texel, at.z < 1.0);
     var direction = sight;
     if has_glass {
         direction = textureLoad(directions, at.texel, 0).xyz;
         let entry_m = frame.camera_position_m + exit.w * sight;
         let inside_m = distance(entry_m, exit.xyz);
         // The way through the glass as a straight one, as it is between two surfaces; then the way behind it.
-        var seen = vec2(-1);
+        seen = vec2(-1);
         if inside_m > 0.0 {
             seen = seen_along(entry_m, (exit.xyz - entry_m) / inside_m, inside_m);
         }
         if seen.x < 0 {
             seen = seen_along(exit.xyz, direction, NO_HIT);
         }
-        if seen.x >= 0 {
-            return shown(seen);
-        }
+    }
+    if seen.x >= 0 {
+        return shown(seen);
     }
     return display(environment(direction));
 }
