@@ -15,7 +15,7 @@ use fathom_scene::Camera;
 /// Share of a frame from which a stage counts as costly, unless told otherwise.
 pub const KNEE_SHARE: f64 = 0.5;
 /// The view on a software driver, whose frames at the pipelines' own sizes take seconds.
-const QUICK_VIEW: [(&str, u32); 2] = [("view.width", 160), ("view.height", 120)];
+const QUICK_VIEW: [(&str, u32); 2] = [("view.width", 120), ("view.height", 90)];
 /// Parameters that an error names, of a pipeline that may have a hundred.
 const EXAMPLES: usize = 6;
 
@@ -233,7 +233,7 @@ mod tests {
             let subject = subjects.subject(&cell.pipeline, &cell.scene, &cell.overrides).unwrap();
             assert_eq!(
                 subject.params["view"],
-                json!({ "width": 64, "height": 120 }),
+                json!({ "width": 64, "height": 90 }),
                 "{}",
                 cell.cell
             );
