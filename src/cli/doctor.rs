@@ -1,38 +1,23 @@
-//! `fathom doctor`: whether a run on this machine would work, and what its times would be worth. It measures the default frame as
-//! `fathom run` does, for some seconds and into a folder that goes again, and judges the records of that.
+//! `fathom doctor`: whether a run on this machine would work: its adapters, their clocks, assets, tools. What its times would be worth
+//! every run says of itself.
 
 use std::process::ExitCode;
-use std::time::Instant;
 
-use anyhow::Context;
 use serde::Serialize;
 use serde_json::json;
 use strum::Display;
 
-use super::commands::{
-    ExitResult, INTERRUPT, SOMETHING_FAILED, gpu_options, print_json, watch_interrupts,
-};
+use super::commands::{ExitResult, SOMETHING_FAILED, gpu_options, print_json};
 use super::{AdapterArgs, COULD_NOT_RUN};
-use crate::experiments::Experiment;
-use crate::gpu::{AdapterEntry, Gpu};
+use crate::gpu::{self, AdapterEntry, Gpu};
 use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
-use crate::harness::plan::Request;
-use crate::harness::run::{self, RunOptions};
 use crate::judge::clocks::{self, ClockTrust};
-use crate::judge::run::{Noise, RunVerdict};
-use crate::record::output::OutputFolder;
-use crate::record::{self, Cell, Measured, Record, Run};
-use crate::report::{Report, facts};
-use crate::report::{noise, trust};
+use crate::record::{self, Conditions, PassKind, Run};
+use crate::report::{facts, trust};
 use crate::scene::assets::AssetSource;
 use crate::{print, process, quiet, text};
 
-/// What is measured, where the catalogue has it.
-const EXPERIMENT: &str = "uw-default";
-const CELL: &str = "base";
-/// For the whole of it: the audit takes some 5 s, and the default frame 8 samples or more in the rest.
-const BUDGET_S: f64 = 15.0;
 /// Debian's and Ubuntu's packages of the Vulkan loader and of a software driver.
 const SOFTWARE_DRIVER: &str = "apt-get install libvulkan1 mesa-vulkan-drivers";
 
@@ -77,11 +62,7 @@ pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> ExitResul
     if Gpu::choose(&gpu_options(catalog, args)).is_ok_and(|adapter| adapter.software) {
         quiet::begin_again();
     }
-    watch_interrupts()?;
-    let mut findings = match measure_briefly(catalog, args) {
-        Ok(records) => of_records(&records),
-        Err(error) => vec![no_run(&error)],
-    };
+    let mut findings = audited(catalog, args).unwrap_or_else(|error| vec![no_run(&error)]);
     let adapters = Gpu::list();
     findings.extend(adapters.iter().filter_map(unusable));
     findings.extend(assets::look_up().into_iter().map(of_asset));
@@ -113,29 +94,19 @@ fn conclusion(worst: Level) -> &'static str {
     }
 }
 
-fn measure_briefly(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>> {
-    let folder = tempfile::tempdir().context("cannot make a folder for a short run")?;
-    let experiment_ids = Experiment::ids(&catalog.experiments);
-    let default = experiment_ids.iter().find(|id| *id == EXPERIMENT).or(experiment_ids.first());
-    let options = RunOptions {
-        catalog: catalog.clone(),
-        gpu: gpu_options(catalog, args),
-        request: Request {
-            experiments: default.into_iter().cloned().collect(),
-            cells: default
-                .filter(|id| *id == EXPERIMENT)
-                .map(|_| CELL.to_owned())
-                .into_iter()
-                .collect(),
-            ..Request::default()
-        },
-        budget_s: Some(BUDGET_S),
-        out: Some(folder.path().join("run")),
-        no_ceilings: true,
-        ..RunOptions::default()
+/// What the adapter is, and its clocks by the audit that each run begins with.
+fn audited(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Finding>> {
+    let gpu = Gpu::open(&gpu_options(catalog, args))?;
+    let audit = gpu::audit_all(&gpu)?;
+    let run = Run {
+        adapter: gpu.adapter.clone(),
+        clocks: PassKind::TIMED.map(|kind| (kind, audit.plan.clock(kind))).into(),
+        audit: audit.rows,
+        conditions: Conditions::detect(),
+        ..Run::default()
     };
-    let summary = run::run(&options, Instant::now(), &mut |_, _, _| {}, &INTERRUPT)?;
-    Ok(record::read(&OutputFolder { folder: summary.out }.records())?.records)
+    let notes = gpu.notes.iter().map(|note| Finding::new("adapter", Level::Note, note));
+    Ok([adapter(&run)].into_iter().chain(notes).chain(machine(&run)).chain([clock(&run)]).collect())
 }
 
 fn no_run(error: &anyhow::Error) -> Finding {
@@ -146,20 +117,6 @@ fn no_run(error: &anyhow::Error) -> Finding {
             .remedy(format!("{hardware}, or on Debian a software driver: {SOFTWARE_DRIVER}"));
     }
     finding
-}
-
-fn of_records(records: &[Record]) -> Vec<Finding> {
-    let view = Report::new(records, None);
-    let Some(run) = view.run() else { return Vec::new() };
-    let mut findings = vec![adapter(run)];
-    let notes = run.notes.iter().filter(|note| note.kind == record::NoteKind::Adapter);
-    findings.extend(notes.map(|note| Finding::new("adapter", Level::Note, &*note.text)));
-    findings.extend(machine(run));
-    findings.push(clock(run));
-    findings.extend(view.verdict.as_ref().map(load));
-    let cells = records.iter().filter_map(Record::try_as_cell_ref);
-    findings.extend(cells.map(|cell| precision(cell, run)));
-    findings
 }
 
 fn adapter(run: &Run) -> Finding {
@@ -193,44 +150,6 @@ fn clock(run: &Run) -> Finding {
         }
         _ => Finding::new("clock", Level::Ok, found),
     }
-}
-
-fn load(verdict: &RunVerdict) -> Finding {
-    let found = format!("{} machine: {}", verdict.noise, noise::figures(verdict));
-    match verdict.noise {
-        Noise::Quiet => Finding::new("load", Level::Ok, found),
-        Noise::Drifting | Noise::Noisy => Finding::new("load", Level::Warning, found)
-            .remedy("end other work on this machine, or use one that others do not share"),
-    }
-}
-
-/// The half width that was reached, and the time in which it would be what a run asks for.
-fn precision(cell: &Cell, run: &Run) -> Finding {
-    let name = format!("{} {}", cell.experiment, cell.cell);
-    let Some(measured) = cell.measured() else {
-        return Finding::new("precision", Level::Fault, format!("{name} could not be measured"));
-    };
-    let (median_ms, reached) =
-        (measured.frame.untimed.median * 1e-6, measured.frame.untimed.relative_half_width());
-    let spent_s = spent_s(measured);
-    let asked = run.asked_precision();
-    let needed_s = spent_s * (reached / asked).powi(2);
-    if !needed_s.is_finite() || measured.frame.untimed.n == 0 {
-        let found = format!("{name}: too few samples for an interval after {spent_s:.1} s");
-        return Finding::new("precision", Level::Warning, found);
-    }
-    let found = format!("{name}: {median_ms:.1} ms ±{:.1} % after {spent_s:.1} s", 100.0 * reached);
-    Finding::new(
-        "precision",
-        Level::Ok,
-        format!("{found}; ±{:.0} % takes about {needed_s:.0} s", 100.0 * asked),
-    )
-}
-
-/// That the pairs of frames took.
-fn spent_s(measured: &Measured) -> f64 {
-    let frame = &measured.frame;
-    frame.envelope_samples_ns.iter().chain(&frame.untimed_samples_ns).sum::<f64>() * 1e-9
 }
 
 /// An asset that `fathom fetch` could get makes a scene's times those of a stand-in.

@@ -96,7 +96,7 @@ fn quiet_driver_layers() {
     version,
     about,
     after_help = "Examples:\n  \
-          fathom doctor                           is this machine fit to measure on?\n  \
+          fathom doctor                           does a run work on this machine?\n  \
           fathom run                              measure everything, then open the page that it names\n  \
           fathom run uw-default --set view.width=400\n  \
           fathom sweep volume_ao --scene my.glb --axis voxel.resolution=64,128,256\n  \
@@ -126,9 +126,9 @@ pub enum Command {
             size on a stage takes more than a share of the frame, and where its exponent changes. Writes what `fathom run` does, and the \
             experiment as sweep.toml: edit it, and `fathom run` measures it.")]
     Sweep(sweep::SweepArgs),
-    /// Check whether this machine is fit to measure on: adapter, clock, load, precision to expect, assets, tools
+    /// Check whether a run works on this machine: adapters, clocks, assets, tools
     #[command(
-        after_help = "Takes about half a minute. Exit status: 0 the machine is ready for a run; 1 a warning says what would make its \
+        after_help = "Exit status: 0 the machine is ready for a run; 1 a warning says what would make its \
             times less precise; 2 no run is possible."
     )]
     Doctor {
