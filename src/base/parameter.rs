@@ -247,10 +247,11 @@ macro_rules! choices {
 /// [`choices!`](crate::choices), or a group.
 ///
 /// `struct NAME from FILE: TYPE { … }` has defaults that depend on a file, and is `From<&TYPE>` in place of `Default`.
-/// Fields of `struct NAME required { … }` have no defaults.
+/// Fields of `struct NAME required { … }` have no defaults. Behind a plain `struct NAME { … }` others may follow.
 #[macro_export]
 macro_rules! settings {
-    ($(#[doc = $about:literal])* $visibility:vis struct $name:ident { $($fields:tt)* }) => {
+    () => {};
+    ($(#[doc = $about:literal])* $visibility:vis struct $name:ident { $($fields:tt)* } $($more:tt)*) => {
         impl Default for $name {
             fn default() -> Self {
                 $crate::settings!(@defaults { $($fields)* })
@@ -260,6 +261,7 @@ macro_rules! settings {
         $crate::settings!(
             @group [$(#[doc = $about])* #[serde(default, deny_unknown_fields)]] $visibility $name { $($fields)* }
         );
+        $crate::settings!($($more)*);
     };
     (
         $(#[doc = $about:literal])*

@@ -11,6 +11,7 @@ use glam::{DMat4, DQuat, DVec3};
 use super::Pipeline;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
+use fathom_base::parameter::{FieldMeta, Setting};
 use fathom_gpu::GpuError;
 use fathom_reference::pool::Basin;
 use fathom_scene::{Material, Object, Scene, generators};
@@ -79,14 +80,11 @@ const SIDE_M: f64 = 4.0;
 fn with_pool(scene: &Scene) -> Result<Scene, String> {
     let [half_x, half_z] = scene.water.half_size_m;
     let scale = 2.0 * half_x.min(half_z) / SIDE_M;
-    let sizes = [
-        ("width_m", 2.0 * half_x / scale),
-        ("depth_m", 2.0 * half_z / scale),
-        ("rim_m", RIM_M),
-        ("wall_m", WALL_M),
-    ];
-    let sizes = sizes.map(|(name, size)| (name.to_owned(), size)).into();
-    let mesh = generators::find("basin")?.mesh(&sizes, scene.floor_depth_m / scale)?;
+    let (width_m, depth_m) = (2.0 * half_x / scale, 2.0 * half_z / scale);
+    let sizes = generators::Basin { width_m, depth_m, rim_m: RIM_M, wall_m: WALL_M };
+    sizes.check(FieldMeta::new("pool", "")).map_err(|error| error.to_string())?;
+    let mesh = generators::basin(&sizes, scene.floor_depth_m / scale);
+    mesh.validate()?;
     let [x, z] = scene.water.center_m;
     let place = DMat4::from_scale_rotation_translation(
         DVec3::splat(scale),

@@ -3,7 +3,6 @@
 
 mod catalogue;
 
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -99,11 +98,6 @@ impl Places {
 }
 
 impl Asset {
-    /// The parameters of the stand-in's generator.
-    pub(super) fn stand_in_params(&self) -> BTreeMap<String, f64> {
-        self.stand_in.1.iter().map(|&(name, v)| (name.to_owned(), v)).collect()
-    }
-
     /// What is used in the asset's place, and how to get it.
     pub(super) fn stand_in_note(&self, size: &str) -> String {
         let (name, generator) = (self.name, self.stand_in.0);

@@ -4,9 +4,9 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::generators::{self, Param, fields};
+use super::generators::{GENERATORS, Generator, fields};
 use super::{Camera, Light, Material, ObjectFile, SceneFile, Transform, VolumeFile, Water, Wave};
-use fathom_base::parameter::{self, Allowed, ParamField, Setting, names_of};
+use fathom_base::parameter::{self, Allowed, ParamField, names_of};
 
 const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/scenes.md");
 /// Resolved while a file is read: they never reach the type.
@@ -22,7 +22,7 @@ fn documented<'d>(docs: &'d str, heading: &str) -> Vec<&'d str> {
 }
 
 /// A group's rows. What has no default is required.
-fn rows<T: Setting>(defaults: &impl Serialize) -> String {
+fn rows(fields: Vec<ParamField>, defaults: &impl Serialize) -> String {
     // By text, so that 32-bit floats are as short as they are written.
     let text = serde_json::to_string(defaults).expect("plain values");
     let defaults: Value = serde_json::from_str(&text).expect("what was written");
@@ -37,7 +37,7 @@ fn rows<T: Setting>(defaults: &impl Serialize) -> String {
         let default = default.map_or("required".to_owned(), |value| format!("`{value}`"));
         format!("| `{path}` | {unit} | {range} | {default} | {} |\n", about.replace('|', "\\|"))
     };
-    parameter::fields::<T>().into_iter().map(row).collect()
+    fields.into_iter().map(row).collect()
 }
 
 /// The text with these rows in the table under a heading.
@@ -51,24 +51,20 @@ fn with_rows(docs: &str, heading: &str, rows: &str) -> String {
 
 /// The sections on generators as the program's own declarations have them.
 fn generator_sections() -> String {
-    let header = "| generator | parameter | range | default | meaning |\n|---|---|---|---|---|\n";
-    let objects: String =
-        generators::all().map(|g| generator_rows(g.name, g.about, g.params)).collect();
+    let object = |g: &Generator| {
+        let params = rows(g.params.clone(), &g.defaults);
+        let params: String = params.lines().map(|row| format!("| {row}\n")).collect();
+        format!("| `{}` | | | | | {} |\n{params}", g.name, g.about)
+    };
+    let objects: String = GENERATORS.iter().map(object).collect();
     let row = |g: &fields::FieldGenerator| format!("| `{}` | {} |\n", g.name, g.about);
     let volumes: String = fields::all().map(row).collect();
     format!(
-        "## Generators of objects\n\nOf an `[[object]]`; units are in the names.\n\n{header}{objects}\n\
+        "## Generators of objects\n\nOf an `[[object]]`; the keys are those of its `params`.\n\n\
+         | generator | key | unit | range | default | meaning |\n|---|---|---|---|---|---|\n{objects}\n\
          ## Generators of volumes\n\nOf a `[volume]`; each is a field over a box whose longest edge is 1.\n\n\
          | generator | meaning |\n|---|---|\n{volumes}"
     )
-}
-
-fn generator_rows(name: &str, about: &str, params: &[Param]) -> String {
-    let row = |p: &Param| {
-        format!("| | `{}` | {} to {} | `{}` | {} |\n", p.name, p.low, p.high, p.default, p.about)
-    };
-    let rows: String = params.iter().map(row).collect();
-    format!("| `{name}` | | | | {about} |\n{rows}")
 }
 
 #[test]
@@ -76,12 +72,12 @@ fn keys_and_generators_are_documented_as_they_are_declared() {
     let found = std::fs::read_to_string(PATH).unwrap();
     let up = json!({ "up": Camera::new([0.0; 3], [1.0; 3], 60.0, [0.1, 1.0]).up });
     let tables = [
-        ("`[camera]`", rows::<Camera>(&up)),
-        ("`[light]`", rows::<Light>(&Light::default())),
-        ("`[water]`", rows::<Water>(&Water::default())),
-        ("`[[water.waves]]`", rows::<Wave>(&json!({ "phase_rad": 0.0 }))),
-        ("`[object.transform]`", rows::<Transform>(&Transform::default())),
-        ("`[object.material]`", rows::<Material>(&Material::default())),
+        ("`[camera]`", rows(parameter::fields::<Camera>(), &up)),
+        ("`[light]`", rows(parameter::fields::<Light>(), &Light::default())),
+        ("`[water]`", rows(parameter::fields::<Water>(), &Water::default())),
+        ("`[[water.waves]]`", rows(parameter::fields::<Wave>(), &json!({ "phase_rad": 0.0 }))),
+        ("`[object.transform]`", rows(parameter::fields::<Transform>(), &Transform::default())),
+        ("`[object.material]`", rows(parameter::fields::<Material>(), &Material::default())),
     ];
     let start = found.find("## Generators of objects").expect("a section on generators");
     let mut expected = format!("{}{}", &found[..start], generator_sections());

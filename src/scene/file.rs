@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use glam::{DMat4, DQuat, DVec3, EulerRot};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use super::{
     Bounds, Camera, Light, Material, Object, Scene, SceneError, VolumeFile, Water, assets, check,
@@ -54,7 +55,7 @@ pub struct ObjectFile {
     pub file: Option<PathBuf>,
     /// The generator's parameters; those left out have their defaults.
     #[serde(default)]
-    pub params: BTreeMap<String, f64>,
+    pub params: BTreeMap<String, Value>,
     #[serde(default)]
     pub transform: Transform,
     #[serde(default)]
@@ -238,7 +239,7 @@ impl ObjectFile {
         stand_ins: &mut Vec<String>,
     ) -> Result<Vec<MeshPart>, String> {
         if let Some(name) = &self.generator {
-            let mesh = generators::find(name)?.mesh(&self.params, file.floor_depth_m)?;
+            let mesh = generators::find(name)?.mesh(&json!(self.params), file.floor_depth_m)?;
             return Ok(vec![mesh.into()]);
         }
         if let Some(path) = &self.file {
@@ -252,8 +253,9 @@ impl ObjectFile {
         if let Some(path) = assets::find(name) {
             return mesh_file::read_parts(&path, triangles);
         }
-        let generator = generators::find(asset.stand_in.0)?;
-        let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;
+        let (generator, params) = asset.stand_in;
+        let params = params.iter().copied().collect();
+        let mesh = generators::find(generator)?.mesh(&params, file.floor_depth_m)?;
         stand_ins.push(asset.stand_in_note(&format!("{} triangles", mesh.triangle_count())));
         Ok(vec![mesh.into()])
     }

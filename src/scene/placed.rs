@@ -66,7 +66,7 @@ impl SceneFile {
         let bounds = mesh.transformed(&matrix).bounds();
         let side = |extent: f64| PLATE * extent.max(LEAST_PLATE * EXTENT_M);
         let sides = [("width_m", side(bounds.size().x)), ("depth_m", side(bounds.size().z))];
-        scene.objects[0].params = sides.map(|(name, side)| (name.to_owned(), side)).into();
+        scene.objects[0].params = sides.map(|(name, side)| (name.to_owned(), side.into())).into();
         (scene.objects[1].file, scene.objects[1].transform) = (Some(path.to_owned()), transform);
         scene.camera = Camera::around(&bounds, VIEW_DEG);
         scene.name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -19,7 +19,7 @@ pub struct Asset {
     pub licence: &'static str,
     pub content: AssetKind,
     /// The generator that stands in for it, and its parameters.
-    pub stand_in: (&'static str, &'static [(&'static str, f64)]),
+    pub stand_in: (&'static str, &'static [(&'static str, u32)]),
 }
 
 pub enum AssetKind {
@@ -72,7 +72,7 @@ pub const ASSETS: &[Asset] = &[
         },
         licence: "GPL-3+ by the copyright file of the package, which does not name this mesh",
         content: AssetKind::Mesh,
-        stand_in: ("blob", &[("rows", 132.0)]),
+        stand_in: ("blob", &[("rows", 132)]),
     },
     Asset {
         name: "sponza",
@@ -89,21 +89,21 @@ pub const ASSETS: &[Asset] = &[
         "Stanford dragon, 11,102 triangles",
         ("dragon_vrip_res4.ply.gz", "models/dragon_vrip_res4.ply.gz"),
         "6a2c7e3d1df05cd4d1507130563aa12b0c1d6cd97a3d7d33c00d24c733affeef",
-        &[("segments", 198.0), ("sides", 28.0)],
+        &[("segments", 198), ("sides", 28)],
     ),
     dragon(
         "dragon_medium",
         "Stanford dragon, 47,794 triangles",
         ("dragon_vrip_res3.ply.gz", "models/dragon_vrip_res3.ply.gz"),
         "c1edd86f1e3deb12a1d360a3f8d052c063adffbd91596710be52b50937ca5e47",
-        &[("segments", 420.0), ("sides", 57.0)],
+        &[("segments", 420), ("sides", 57)],
     ),
     dragon(
         "dragon_large",
         "Stanford dragon, 202,520 triangles",
         ("dragon_vrip_res2.ply.gz", "models/dragon_vrip_res2.ply.gz"),
         "c2ce8bd94d038d850ad23d2a5eef3e03f8333bb4023f08896f96a7b1d2e208cc",
-        &[("segments", 698.0), ("sides", 145.0)],
+        &[("segments", 698), ("sides", 145)],
     ),
     Asset {
         name: "buddha",
@@ -113,7 +113,7 @@ pub const ASSETS: &[Asset] = &[
         source: AssetSource::ByHand,
         licence: ASK_ITS_SOURCE,
         content: AssetKind::Mesh,
-        stand_in: ("knot", &[("segments", 500.0), ("sides", 100.0)]),
+        stand_in: ("knot", &[("segments", 500), ("sides", 100)]),
     },
     Asset {
         name: "engine",
@@ -140,7 +140,7 @@ const fn dragon(
     about: &'static str,
     (file, member): (&'static str, &'static str),
     sha256: &'static str,
-    stand_in: &'static [(&'static str, f64)],
+    stand_in: &'static [(&'static str, u32)],
 ) -> Asset {
     Asset {
         name,

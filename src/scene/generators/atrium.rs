@@ -4,18 +4,14 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{Args, Generator, generator};
 use crate::Mesh;
 use crate::shapes::{cuboid, lathe, merged, moved, sheet, smooth_profile};
-
-pub const GENERATORS: &[Generator] =
-    &[generator("arcade", "an open courtyard between two storeys of arcades", arcade)];
 
 /// Arches along each side.
 const BAYS: u32 = 9;
 
 /// 34 m × 15 m around a court of 5.5 m, each storey 5 m high.
-fn arcade(_: &Args) -> Mesh {
+pub fn arcade() -> Mesh {
     let (x, z, court, storey, wall) = (17.0, 7.5, 2.75, 5.0, 0.4);
     let top = 2.0 * storey + 1.0;
     let mut mesh = merged([

@@ -1,19 +1,17 @@
 //! A diving platform at the edge of a pool.
 
+use fathom_base::settings;
 use glam::DVec3;
 
-use super::{Args, Generator, generator, param};
 use crate::Mesh;
 use crate::shapes::{bar, cuboid, merged, smooth_path, tube};
 
-pub const GENERATORS: &[Generator] = &[generator(
-    "diving_platform",
-    "a diving platform on a stand with ladder and rails, its board along +x; the edge of the pool is x = 0; SPT Fig. 13",
-    diving_platform,
-)
-.with(&[
-    param("height_m", 3.0, 0.3, 20.0, "height of the platform above its foot"),
-])];
+settings! {
+    pub struct DivingPlatform {
+        /// Height of the platform above its foot.
+        height_m: f64 = 3.0 => 0.3 ..= 20.0, "m";
+    }
+}
 
 /// Height of the rails, and width of a springboard and of the ladder, metres (FINA Facilities Rules, FR 5).
 const RAIL_HEIGHT: f64 = 1.0;
@@ -30,24 +28,16 @@ const POST: f64 = 0.16;
 const SLAB: f64 = 0.14;
 const BOARD: f64 = 0.07;
 
-/// The platform's size, metres.
-struct Platform {
-    height: f64,
-    length: f64,
-    half_width: f64,
+pub fn platform(a: &DivingPlatform) -> Mesh {
+    merged([a.scaffold(), a.slab_and_board(), a.ladder(), a.rails()])
 }
 
-fn diving_platform(a: &Args) -> Mesh {
-    let platform = Platform { height: a.get("height_m"), length: LENGTH, half_width: 0.5 * WIDTH };
-    merged([platform.scaffold(), platform.slab_and_board(), platform.ladder(), platform.rails()])
-}
-
-impl Platform {
+impl DivingPlatform {
     /// Four posts, joined by crossed bars behind and by level ones at half the height.
     fn scaffold(&self) -> Mesh {
-        let (low, high) = (0.0, self.height - SLAB);
-        let (front, back) = (-POST, POST - self.length);
-        let side = self.half_width - POST;
+        let (low, high) = (0.0, self.height_m - SLAB);
+        let (front, back) = (-POST, POST - LENGTH);
+        let side = 0.5 * WIDTH - POST;
         let foot = |x: f64, z: f64| DVec3::new(x, low, z);
         let corners = [foot(front, side), foot(front, -side), foot(back, -side), foot(back, side)];
         let up = DVec3::Y * (high - low);
@@ -60,29 +50,29 @@ impl Platform {
     }
 
     fn slab_and_board(&self) -> Mesh {
-        let (top, half) = (self.height, self.half_width);
-        let slab = cuboid([-self.length, top - SLAB, -half], [0.0, top, half]);
-        let across = 0.5 * BOARD_WIDTH.min(2.0 * half);
-        let board = cuboid([-0.8 * self.length, top, -across], [BOARD_END, top + BOARD, across]);
+        let (top, half) = (self.height_m, 0.5 * WIDTH);
+        let slab = cuboid([-LENGTH, top - SLAB, -half], [0.0, top, half]);
+        let across = 0.5 * BOARD_WIDTH;
+        let board = cuboid([-0.8 * LENGTH, top, -across], [BOARD_END, top + BOARD, across]);
         merged([slab, board])
     }
 
     /// Two stringers that lean against the back and end as handles above the platform.
     fn ladder(&self) -> Mesh {
-        let half = 0.5 * BOARD_WIDTH.min(2.0 * self.half_width);
-        let back = -self.length - 2.0 * RAIL_RADIUS;
-        let foot = DVec3::new(back - 0.2 * self.height, 0.0, 0.0);
-        let head = DVec3::new(back, self.height, 0.0);
-        let count = (self.height / RUNG).floor().max(1.0) as usize;
+        let half = 0.5 * BOARD_WIDTH;
+        let back = -LENGTH - 2.0 * RAIL_RADIUS;
+        let foot = DVec3::new(back - 0.2 * self.height_m, 0.0, 0.0);
+        let head = DVec3::new(back, self.height_m, 0.0);
+        let count = (self.height_m / RUNG).floor().max(1.0) as usize;
         let rungs = (1..=count).map(|i| {
-            let middle = foot.lerp(head, (i as f64 * RUNG / self.height).min(1.0));
+            let middle = foot.lerp(head, (i as f64 * RUNG / self.height_m).min(1.0));
             let aside = DVec3::Z * half;
             rail(&[middle - aside, middle + aside], 0.7 * RAIL_RADIUS)
         });
         let stringers = [-half, half].map(|z| {
             let aside = DVec3::Z * z;
-            let handle = DVec3::new(0.25 * self.length, 0.7 * RAIL_HEIGHT, 0.0);
-            let landing = DVec3::new(0.25 * self.length, 0.0, 0.0);
+            let handle = DVec3::new(0.25 * LENGTH, 0.7 * RAIL_HEIGHT, 0.0);
+            let landing = DVec3::new(0.25 * LENGTH, 0.0, 0.0);
             let knots = [foot, head, head + 0.8 * handle, head + landing];
             rail(&smooth_path(&knots.map(|p| p + aside), 6), RAIL_RADIUS)
         });
@@ -91,10 +81,10 @@ impl Platform {
 
     /// A rail and one at half its height on both sides, with three posts each.
     fn rails(&self) -> Mesh {
-        let (front, back) = (-0.1 * self.length, -0.95 * self.length);
-        let side = self.half_width - 2.0 * RAIL_RADIUS;
+        let (front, back) = (-0.1 * LENGTH, -0.95 * LENGTH);
+        let side = 0.5 * WIDTH - 2.0 * RAIL_RADIUS;
         let place = |t: f64, height: f64, z: f64| {
-            DVec3::new(front + t * (back - front), self.height + height, z)
+            DVec3::new(front + t * (back - front), self.height_m + height, z)
         };
         let parts = [-side, side].into_iter().flat_map(move |z| {
             let level = [1.0, 0.5].map(|share| {

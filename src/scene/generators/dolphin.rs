@@ -2,27 +2,20 @@
 
 use std::f64::consts::TAU;
 
+use fathom_base::settings;
 use glam::{DMat4, DVec3, DVec4};
 
-use super::{Args, Generator, generator, param};
 use crate::Mesh;
 use crate::shapes::{merged, moved, scaled, smooth_path, sphere, surface};
 
-pub const GENERATORS: &[Generator] = &[generator(
-    "dolphin",
-    "a dolphin that swims towards +x, its middle in the origin; SPT Fig. 1, 8",
-    dolphin,
-)
-.with(&[
-    param("length_m", 2.4, 0.05, 100.0, "length along its back when it is straight"),
-    param(
-        "bend_deg",
-        40.0,
-        -120.0,
-        120.0,
-        "angle between snout and tail: leaping where positive, diving where negative",
-    ),
-])];
+settings! {
+    pub struct Dolphin {
+        /// Length along its back when it is straight.
+        length_m: f64 = 2.4 => 0.05 ..= 100.0, "m";
+        /// Angle between snout and tail: leaping where positive, diving where negative.
+        bend_deg: f64 = 40.0 => -120.0 ..= 120.0, "°";
+    }
+}
 
 /// Sections of the body of a bottlenose dolphin, tuned by eye: distance from the snout, upper and lower edge against the straight
 /// axis, half the width. Lengths are shares of the dolphin's.
@@ -84,7 +77,7 @@ const FIN_SIDES: usize = 16;
 /// Place and radius of the right eye.
 const EYE: (DVec3, f64) = (DVec3::new(0.362, -0.014, 0.056), 0.009);
 
-fn dolphin(a: &Args) -> Mesh {
+pub fn dolphin(a: &Dolphin) -> Mesh {
     let sides = [1.0, -1.0];
     let fins = [&FLIPPER, &FLUKE].map(fin);
     let pairs = fins.iter().flat_map(|fin| {
@@ -94,7 +87,7 @@ fn dolphin(a: &Args) -> Mesh {
     let eyes = sides.map(|side| moved(sphere(radius, 8), eye.x, eye.y, side * eye.z));
     let straight = [body(), fin(&DORSAL)];
     let whole = merged(straight.into_iter().chain(pairs).chain(eyes));
-    scaled(bent(whole, a.get("bend_deg").to_radians()), a.get("length_m"))
+    scaled(bent(whole, a.bend_deg.to_radians()), a.length_m)
 }
 
 /// Ellipses through the sections, drawn together at both ends.

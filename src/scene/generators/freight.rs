@@ -1,30 +1,31 @@
 //! A crate of planks.
 
+use fathom_base::settings;
 use glam::DVec3;
 
-use super::{Args, Generator, generator, param};
 use crate::Mesh;
 use crate::shapes::{bar, cuboid, merged, moved};
 
-pub const GENERATORS: &[Generator] = &[generator(
-    "crate",
-    "a wooden crate: planks with gaps, battens along the edges, a brace on each side",
-    plank_crate,
-)
-.with(&[
-    param("width_m", 1.0, 0.01, 100.0, "extent in x"),
-    param("height_m", 1.0, 0.01, 100.0, "extent in y"),
-    param("depth_m", 1.0, 0.01, 100.0, "extent in z"),
-    param("planks", 5.0, 1.0, 20.0, "planks of a side"),
-])];
+settings! {
+    pub struct PlankCrate {
+        /// Extent in x.
+        width_m: f64 = 1.0 => 0.01 ..= 100.0, "m";
+        /// Extent in y.
+        height_m: f64 = 1.0 => 0.01 ..= 100.0, "m";
+        /// Extent in z.
+        depth_m: f64 = 1.0 => 0.01 ..= 100.0, "m";
+        /// Planks of a side.
+        planks: u32 = 5 => 1 ..= 20, "1";
+    }
+}
 
 /// Share of a plank's place that is gap.
 const GAP: f64 = 0.06;
 
-fn plank_crate(a: &Args) -> Mesh {
-    let size = DVec3::new(a.get("width_m"), a.get("height_m"), a.get("depth_m"));
+pub fn plank_crate(a: &PlankCrate) -> Mesh {
+    let size = DVec3::new(a.width_m, a.height_m, a.depth_m);
     let t = 0.09 * size.min_element();
-    let sides = (0..3).map(|axis| planks(size - 0.8 * t, axis, a.count("planks"), 0.35 * t));
+    let sides = (0..3).map(|axis| planks(size - 0.8 * t, axis, a.planks, 0.35 * t));
     let edges = (0..3).map(|axis| battens(size, axis, t));
     let mut mesh = merged(sides.chain(edges));
     for s in [-1.0, 1.0] {
@@ -37,9 +38,9 @@ fn plank_crate(a: &Args) -> Mesh {
 }
 
 /// The two sides across `axis` of a box about the origin, planks spread along the next axis.
-fn planks(size: DVec3, axis: usize, count: usize, thick: f64) -> Mesh {
+fn planks(size: DVec3, axis: usize, count: u32, thick: f64) -> Mesh {
     let along = (axis + 1) % 3;
-    let place = size[along] / count as f64;
+    let place = size[along] / f64::from(count);
     merged([-1.0, 1.0].into_iter().flat_map(|side| {
         (0..count).map(move |i| {
             let mut half = 0.5 * size - thick;
@@ -47,7 +48,7 @@ fn planks(size: DVec3, axis: usize, count: usize, thick: f64) -> Mesh {
             half[along] = 0.5 * place * (1.0 - GAP);
             let mut middle = DVec3::ZERO;
             middle[axis] = side * 0.5 * (size[axis] - thick);
-            middle[along] = (i as f64 + 0.5) * place - 0.5 * size[along];
+            middle[along] = (f64::from(i) + 0.5) * place - 0.5 * size[along];
             cuboid(middle - half, middle + half)
         })
     }))

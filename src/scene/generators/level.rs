@@ -2,12 +2,8 @@
 
 use itertools::Itertools;
 
-use super::{Args, Generator, generator};
 use crate::Mesh;
 use crate::shapes::{cuboid, cylinder, merged, moved};
-
-pub const GENERATORS: &[Generator] =
-    &[generator("level", "rooms of a low-resolution game level, open to the sky", level)];
 
 /// Edge of a square of the plan and height of the walls, metres, and sides of a pillar.
 const CELL: f64 = 1.5;
@@ -44,7 +40,7 @@ const WINDOW_LINTEL: f64 = 0.75;
 const DOOR_LINTEL: f64 = 0.7;
 const CRATE: f64 = 0.35;
 
-fn level(_: &Args) -> Mesh {
+pub fn level() -> Mesh {
     let (cell, height) = (CELL, HEIGHT);
     let (columns, rows) = (PLAN[0].len() as f64, PLAN.len() as f64);
     let place = |x: f64, z: f64| ((x - 0.5 * columns) * cell, (z - 0.5 * rows) * cell);

@@ -21,121 +21,130 @@ mod teapot;
 mod thicket;
 mod tree;
 
-use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
+use fathom_base::parameter::{self, ParamError, ParamField, Setting};
+use fathom_base::settings;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
 
 use super::{Mesh, check};
+pub use basic::{Sphere, sphere};
+pub use tank::{Basin, basin};
+use {atrium::*, basic::*, bricks::*, diving::*, dolphin::*, freight::*, level::*, port::*};
+use {robot::*, room::*, storage::*, tank::*, teapot::*, thicket::*, tree::*};
+
+pub static GENERATORS: LazyLock<Vec<Generator>> = LazyLock::new(|| {
+    vec![
+        generator("plane", "a level rectangle that faces up", plane),
+        generator("corner", "three squares that meet in the origin and face +x, +y and +z", corner),
+        generator("box", "a box standing on the floor", block),
+        generator("cylinder", "a round bar standing on the floor", cylinder),
+        generator("sphere", "a ball that touches the floor", sphere),
+        generator("torus", "a ring lying on the floor", torus),
+        generator("blob", "a ball with bumps, a stand-in for scanned objects", blob),
+        generator("knot", "a knotted tube, a stand-in for scanned objects", knot),
+        over_floor("basin", "a rectangular basin open above that faces inward, with a rim", basin),
+        generator("column", "a fluted column with base and capital", column),
+        generator("steps", "a flight of steps that rises towards -z", steps),
+        generator("statue", "a draped figure with raised arm on a pedestal", statue),
+        generator("sea_bed", "uneven ground that rises towards -z", sea_bed),
+        over_floor("quay", "stone blocks along x under coping stones, a wall that faces +z", quay),
+        over_floor("pier", "a plank deck on two rows of piles, along z", pier),
+        generator("stones", "stones strewn over a rectangle", stones),
+        generator("hull", "an open rowing boat along z, bow towards -z, waterline at y = 0", hull),
+        fixed("bollard", "a mooring bollard", bollard),
+        generator("rope", "a rope that hangs from the origin to a point", rope),
+        over_floor("hall", "a hall with floor, walls, and a roof of slabs with gaps", hall),
+        over_floor("trusses", "roof trusses across x", trusses),
+        generator("crates", "stacks of wooden crates in rows over a rectangle", crates),
+        generator("barrels", "barrels strewn over a rectangle, some fallen", barrels),
+        generator("shelves", "a rack along x with boxes on its shelves, open towards +z", shelves),
+        generator("pipe", "a pipe along x with flanges, bent down to the floor at both ends", pipe),
+        fixed("arcade", "an open courtyard between two storeys of arcades", arcade),
+        generator("brick", "a toy brick with studs, or a plate with a low height", brick),
+        generator("brick_wall", "toy bricks along x, two studs thick, with an opening", brick_wall),
+        generator("brick_roof", "a stepped gable of toy bricks, its ridge along x", brick_roof),
+        generator("loose_bricks", "toy bricks on a rectangle, some upon others", loose_bricks),
+        generator("crate", "planks with gaps, battens along the edges, braces", plank_crate),
+        fixed("level", "rooms of a low-resolution game level, open to the sky", level),
+        fixed("robot", "a walking robot, facing +z, its lowest foot on the floor", robot),
+        generator("interior", "a closed room with a window in the wall at −x", interior),
+        fixed("table", "a table with four legs", || table([1.3, 0.75, 0.8].into())),
+        fixed("chair", "a chair with a slatted back at −z", chair),
+        fixed("bookcase", "a case of shelves with books, open towards +z", bookcase),
+        generator("sofa", "a sofa with cushions, its back at −z", sofa),
+        fixed("lamp", "a standing lamp with a conical shade", lamp),
+        generator("thicket", "bars between random places of a box on the floor", thicket),
+        generator("teapot", "the Utah teapot of Bézier patches, spout towards +x", teapot),
+        fixed("tree", "a tree of tapered branches, grown by an L-system; SPT Fig. 11, 12", tree),
+        generator("dolphin", "about the origin, swimming towards +x; SPT Fig. 1, 8", dolphin),
+        generator("diving_platform", "board along +x, pool's edge at x = 0; SPT Fig. 13", platform),
+    ]
+});
 
 pub struct Generator {
     /// As scene files call it.
     pub name: &'static str,
     pub about: &'static str,
-    pub params: &'static [Param],
-    build: fn(&Args) -> Mesh,
+    pub params: Vec<ParamField>,
+    pub defaults: Value,
+    build: Box<dyn Fn(&Value, f64) -> Result<Mesh, ParamError> + Send + Sync>,
 }
 
-pub struct Param {
-    /// With its unit, as scene files call it.
-    pub name: &'static str,
-    pub default: f64,
-    pub low: f64,
-    pub high: f64,
-    pub about: &'static str,
+/// A generator that needs the depth of the floor below the water, metres.
+fn over_floor<P: Setting + Default + Serialize + DeserializeOwned>(
+    name: &'static str,
+    about: &'static str,
+    build: impl Fn(&P, f64) -> Mesh + Send + Sync + 'static,
+) -> Generator {
+    let (params, defaults) = (parameter::fields::<P>(), parameter::tree(&P::default()));
+    let build = move |params: &Value, depth_m| Ok(build(&parameter::read(params)?, depth_m));
+    Generator { name, about, params, defaults, build: Box::new(build) }
 }
 
-pub fn all() -> impl Iterator<Item = &'static Generator> + Clone {
-    [
-        basic::GENERATORS,
-        tank::GENERATORS,
-        port::GENERATORS,
-        storage::GENERATORS,
-        atrium::GENERATORS,
-        bricks::GENERATORS,
-        freight::GENERATORS,
-        level::GENERATORS,
-        robot::GENERATORS,
-        room::GENERATORS,
-        thicket::GENERATORS,
-        teapot::GENERATORS,
-        tree::GENERATORS,
-        dolphin::GENERATORS,
-        diving::GENERATORS,
-    ]
-    .into_iter()
-    .flatten()
+fn generator<P: Setting + Default + Serialize + DeserializeOwned + 'static>(
+    name: &'static str,
+    about: &'static str,
+    build: fn(&P) -> Mesh,
+) -> Generator {
+    over_floor(name, about, move |params, _| build(params))
+}
+
+settings! {
+    struct NoParams {}
+}
+
+/// A generator without parameters.
+fn fixed(name: &'static str, about: &'static str, build: fn() -> Mesh) -> Generator {
+    over_floor(name, about, move |_: &NoParams, _| build())
 }
 
 /// The generator called `name`; the error names the nearest one.
 pub fn find(name: &str) -> Result<&'static Generator, String> {
-    all().find(|g| g.name == name).ok_or_else(|| {
-        let hint = check::hint(name, all().map(|g| g.name));
+    GENERATORS.iter().find(|g| g.name == name).ok_or_else(|| {
+        let hint = check::hint(name, GENERATORS.iter().map(|g| g.name));
         format!("there is no generator `{name}`: {hint}")
     })
 }
 
 impl Generator {
-    const fn with(self, params: &'static [Param]) -> Self {
-        Self { params, ..self }
-    }
-
     /// The mesh for these parameters over a floor `floor_depth_m` below the water.
-    pub fn mesh(&self, params: &BTreeMap<String, f64>, floor_depth_m: f64) -> Result<Mesh, String> {
-        let mesh = (self.build)(&Args::new(self.name, self.params, params, floor_depth_m)?);
+    pub fn mesh(&self, params: &Value, floor_depth_m: f64) -> Result<Mesh, String> {
+        let mesh = (self.build)(params, floor_depth_m)
+            .map_err(|fault| format!("generator `{}`: params.{fault}", self.name))?;
         mesh.validate().map_err(|fault| format!("generator `{}`: {fault}", self.name))?;
         Ok(mesh)
-    }
-}
-
-/// The parameters of one call.
-struct Args<'a> {
-    generator: &'static str,
-    declared: &'static [Param],
-    given: &'a BTreeMap<String, f64>,
-    /// Depth of the floor below the water, metres.
-    floor_depth_m: f64,
-}
-
-impl<'a> Args<'a> {
-    /// Parameters that the generator declares, each within its range.
-    fn new(
-        generator: &'static str,
-        declared: &'static [Param],
-        given: &'a BTreeMap<String, f64>,
-        floor_depth_m: f64,
-    ) -> Result<Self, String> {
-        for (name, &value) in given {
-            let Some(param) = declared.iter().find(|p| p.name == name) else {
-                let hint = check::hint(name, declared.iter().map(|p| p.name));
-                return Err(format!("generator `{generator}` has no parameter `{name}`: {hint}"));
-            };
-            check::check_range(&format!("params.{name}"), value, param.low, param.high)?;
-        }
-        Ok(Self { generator, declared, given, floor_depth_m })
-    }
-
-    /// A parameter's value, or its default.
-    fn get(&self, name: &str) -> f64 {
-        let declared = || self.declared.iter().find(|p| p.name == name).map(|p| p.default);
-        let value = self.given.get(name).copied().or_else(declared);
-        value.unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator))
-    }
-
-    fn count(&self, name: &str) -> usize {
-        self.get(name).round() as usize
-    }
-
-    fn rng(&self) -> Dice {
-        Dice::new(self.get("seed") as u64)
     }
 }
 
 struct Dice(Pcg32);
 
 impl Dice {
-    fn new(seed: u64) -> Self {
-        Self(Pcg32::seed_from_u64(seed))
+    fn new(seed: u32) -> Self {
+        Self(Pcg32::seed_from_u64(seed.into()))
     }
 
     fn between(&mut self, low: f64, high: f64) -> f64 {
@@ -143,41 +152,20 @@ impl Dice {
     }
 }
 
-/// A generator without parameters.
-const fn generator(name: &'static str, about: &'static str, build: fn(&Args) -> Mesh) -> Generator {
-    Generator { name, about, params: &[], build }
-}
-
-const fn param(
-    name: &'static str,
-    default: f64,
-    low: f64,
-    high: f64,
-    about: &'static str,
-) -> Param {
-    Param { name, default, low, high, about }
-}
-
-const SEED: Param = param("seed", 1.0, 0.0, 4_294_967_295.0, "seed of the random numbers");
-
-/// The mesh of a generator with some of its parameters set, over a floor in 3 m.
-#[cfg(test)]
-fn made(generator: &str, params: &[(&str, f64)]) -> Mesh {
-    let params = params.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
-    find(generator).and_then(|generator| generator.mesh(&params, 3.0)).expect("a mesh")
-}
-
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
+    use fathom_base::parameter::{Allowed, Range};
+    use serde_json::json;
+
     use super::*;
 
     #[test]
     fn every_generator_makes_a_valid_mesh_at_several_depths() {
-        for generator in all() {
+        for generator in GENERATORS.iter() {
             for depth in [0.5, 4.0, 20.0] {
-                let mesh = generator
-                    .mesh(&BTreeMap::new(), depth)
-                    .unwrap_or_else(|e| panic!("{}: {e}", generator.name));
+                let mesh = generator.mesh(&json!({}), depth).expect(generator.name);
                 assert!(mesh.triangle_count() < 100_000, "{}", generator.name);
             }
         }
@@ -204,8 +192,8 @@ mod tests {
             "stones", "hull", "bollard", "rope", "hall", "trusses", "crates", "barrels", "shelves",
             "pipe", "arcade", "teapot",
         ];
-        for generator in all().filter(|generator| !open.contains(&generator.name)) {
-            let mesh = made(generator.name, &[]);
+        for generator in GENERATORS.iter().filter(|generator| !open.contains(&generator.name)) {
+            let mesh = generator.mesh(&json!({}), 3.0).expect(generator.name);
             assert_eq!(open_edges(&mesh), 0, "{}", generator.name);
             assert!(mesh.volume() > 0.0, "{}", generator.name);
             let flat = (0..mesh.triangle_count()).filter(|t| {
@@ -218,23 +206,23 @@ mod tests {
 
     #[test]
     fn the_check_for_closed_meshes_finds_holes() {
-        let mut block = made("box", &[]);
+        let mut block = block(&Block::default());
         block.indices.truncate(block.indices.len() - 3);
         assert_eq!(open_edges(&block), 3);
     }
 
     #[test]
     fn generators_are_repeatable_at_both_ends_of_every_parameter() {
-        for generator in all() {
-            for param in generator.params {
-                for value in [param.low, param.high] {
-                    if param.name != "seed" && param.high > 200.0 {
+        for generator in GENERATORS.iter() {
+            for ParamField { path, allowed, .. } in &generator.params {
+                let Allowed::Numbers(Range { low, high }) = *allowed else { panic!("{path}") };
+                for value in [low, high] {
+                    if path != "seed" && high > 200.0 {
                         continue;
                     }
-                    let params = BTreeMap::from([(param.name.to_owned(), value)]);
-                    let mesh = generator
-                        .mesh(&params, 3.0)
-                        .unwrap_or_else(|e| panic!("{} = {value}: {e}", param.name));
+                    let mut params = generator.defaults.clone();
+                    parameter::set(&mut params, path, value.into()).expect(path);
+                    let mesh = generator.mesh(&params, 3.0).expect(path);
                     assert_eq!(Ok(mesh), generator.mesh(&params, 3.0));
                 }
             }
@@ -245,12 +233,15 @@ mod tests {
     fn unknown_names_get_the_nearest_one() {
         assert!(find("sphear").err().expect("unknown").contains("`sphere`"));
         let sphere = find("sphere").expect("known");
-        for (param, value, named) in
-            [("radus_m", 1.0, "`radius_m`"), ("radius_m", f64::NAN, "params.radius_m")]
-        {
-            let params = BTreeMap::from([(param.to_owned(), value)]);
+        for (params, named) in [
+            (json!({ "radus_m": 1.0 }), "radus_m: unknown field `radus_m`, expected `radius_m`"),
+            (json!({ "radius_m": 0 }), "radius_m is 0: it must lie within 0.001 … 1000"),
+            (json!({ "radius_m": f64::NAN }), "radius_m: invalid type: null, expected f64"),
+            (json!({ "rows": 4.5 }), "rows: invalid type: floating point `4.5`, expected u32"),
+        ] {
             let error = sphere.mesh(&params, 3.0).unwrap_err();
-            assert!(error.contains(named), "{error}");
+            assert!(error.starts_with(&format!("generator `sphere`: params.{named}")), "{error}");
         }
+        assert!(sphere.mesh(&json!({ "radius_m": 1, "rows": 4 }), 3.0).is_ok());
     }
 }

@@ -2,79 +2,95 @@
 
 use std::f64::consts::{PI, TAU};
 
+use fathom_base::settings;
 use glam::{DMat4, DVec3, EulerRot};
 
-use super::{Args, Dice, Generator, SEED, generator, param};
+use super::Dice;
 use crate::Mesh;
 use crate::noise::tile_noise;
 use crate::shapes::{
     block, cuboid, cylinder, displaced_sphere, lathe, merged, moved, sheet, smooth_profile, tube,
 };
 
-pub const GENERATORS: &[Generator] = &[
-    generator("sea_bed", "uneven ground that rises towards -z", sea_bed).with(&[
-        param("width_m", 30.0, 0.1, 1000.0, "extent in x"),
-        param("depth_m", 26.0, 0.1, 1000.0, "extent in z"),
-        param("bump_m", 0.35, 0.0, 20.0, "height of the bumps"),
-        param("rise_m", 0.6, -20.0, 20.0, "rise from the front to the back"),
-        param("cells", 96.0, 1.0, 200.0, "quads along each side"),
-        SEED,
-    ]),
-    generator(
-        "quay",
-        "a quay of stone blocks along x with coping stones, its wall facing +z",
-        quay,
-    )
-    .with(&[
-        param("length_m", 30.0, 0.5, 1000.0, "extent in x"),
-        param("depth_m", 4.0, 0.2, 1000.0, "extent in z, behind z = 0"),
-        param("height_m", 1.1, 0.05, 100.0, "height of its top above the water"),
-        SEED,
-    ]),
-    generator("pier", "a plank deck on two rows of piles, along z", pier).with(&[
-        param("length_m", 10.0, 0.5, 1000.0, "extent in z"),
-        param("width_m", 2.2, 0.2, 100.0, "extent in x"),
-        param("height_m", 0.75, -10.0, 100.0, "height of the deck above the water"),
-        SEED,
-    ]),
-    generator("stones", "stones strewn over a rectangle", stones).with(&[
-        param("count", 40.0, 1.0, 200.0, "number of stones"),
-        param("width_m", 10.0, 0.1, 1000.0, "extent in x"),
-        param("depth_m", 3.0, 0.1, 1000.0, "extent in z"),
-        param("size_m", 0.45, 0.01, 100.0, "largest radius"),
-        SEED,
-    ]),
-    generator("hull", "an open rowing boat along z, bow towards -z, its waterline at y = 0", hull)
-        .with(&[
-            param("length_m", 4.6, 0.2, 200.0, "length"),
-            param("beam_m", 1.7, 0.1, 100.0, "width"),
-        ]),
-    generator("bollard", "a mooring bollard", bollard),
-    generator("rope", "a rope that hangs from the origin to a point", rope).with(&[
-        param("to_x_m", 2.0, -1000.0, 1000.0, "the point's x"),
-        param("to_y_m", 0.0, -1000.0, 1000.0, "the point's y"),
-        param("to_z_m", 0.0, -1000.0, 1000.0, "the point's z"),
-        param("sag_m", 0.4, 0.0, 100.0, "how far its middle hangs below the straight line"),
-    ]),
-];
+settings! {
+    pub struct SeaBed {
+        /// Extent in x.
+        width_m: f64 = 30.0 => 0.1 ..= 1000.0, "m";
+        /// Extent in z.
+        depth_m: f64 = 26.0 => 0.1 ..= 1000.0, "m";
+        /// Height of the bumps.
+        bump_m: f64 = 0.35 => 0.0 ..= 20.0, "m";
+        /// Rise from the front to the back.
+        rise_m: f64 = 0.6 => -20.0 ..= 20.0, "m";
+        /// Quads along each side.
+        cells: u32 = 96 => 1 ..= 200, "1";
+        /// Seed of the random numbers.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+    }
+    pub struct Quay {
+        /// Extent in x.
+        length_m: f64 = 30.0 => 0.5 ..= 1000.0, "m";
+        /// Extent in z, behind z = 0.
+        depth_m: f64 = 4.0 => 0.2 ..= 1000.0, "m";
+        /// Height of its top above the water.
+        height_m: f64 = 1.1 => 0.05 ..= 100.0, "m";
+        /// Seed of the random numbers.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+    }
+    pub struct Pier {
+        /// Extent in z.
+        length_m: f64 = 10.0 => 0.5 ..= 1000.0, "m";
+        /// Extent in x.
+        width_m: f64 = 2.2 => 0.2 ..= 100.0, "m";
+        /// Height of the deck above the water.
+        height_m: f64 = 0.75 => -10.0 ..= 100.0, "m";
+        /// Seed of the random numbers.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+    }
+    pub struct Stones {
+        /// Number of stones.
+        count: u32 = 40 => 1 ..= 200, "1";
+        /// Extent in x.
+        width_m: f64 = 10.0 => 0.1 ..= 1000.0, "m";
+        /// Extent in z.
+        depth_m: f64 = 3.0 => 0.1 ..= 1000.0, "m";
+        /// Largest radius.
+        size_m: f64 = 0.45 => 0.01 ..= 100.0, "m";
+        /// Seed of the random numbers.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+    }
+    pub struct Hull {
+        /// Length.
+        length_m: f64 = 4.6 => 0.2 ..= 200.0, "m";
+        /// Width.
+        beam_m: f64 = 1.7 => 0.1 ..= 100.0, "m";
+    }
+    pub struct Rope {
+        /// The point's x.
+        to_x_m: f64 = 2.0 => -1000.0 ..= 1000.0, "m";
+        /// The point's y.
+        to_y_m: f64 = 0.0 => -1000.0 ..= 1000.0, "m";
+        /// The point's z.
+        to_z_m: f64 = 0.0 => -1000.0 ..= 1000.0, "m";
+        /// How far its middle hangs below the straight line.
+        sag_m: f64 = 0.4 => 0.0 ..= 100.0, "m";
+    }
+}
 
-fn sea_bed(a: &Args) -> Mesh {
-    let (width, depth, cells) = (a.get("width_m"), a.get("depth_m"), a.count("cells"));
-    let (bump, rise, seed) = (a.get("bump_m"), a.get("rise_m"), a.get("seed") as u32);
-    sheet((cells, cells), |u, v| {
-        let (x, z) = ((u - 0.5) * width, (0.5 - v) * depth);
-        let (swell, _) = tile_noise(x / 40.0, z / 40.0, seed);
-        let (ripple, _) = tile_noise(x / 9.0, z / 9.0, seed ^ 5);
+pub fn sea_bed(a: &SeaBed) -> Mesh {
+    sheet((a.cells as usize, a.cells as usize), |u, v| {
+        let (x, z) = ((u - 0.5) * a.width_m, (0.5 - v) * a.depth_m);
+        let (swell, _) = tile_noise(x / 40.0, z / 40.0, a.seed);
+        let (ripple, _) = tile_noise(x / 9.0, z / 9.0, a.seed ^ 5);
         let slope = v * v * (3.0 - 2.0 * v);
-        DVec3::new(x, bump * (1.6 * swell + 0.25 * ripple) + rise * slope, z)
+        DVec3::new(x, a.bump_m * (1.6 * swell + 0.25 * ripple) + a.rise_m * slope, z)
     })
 }
 
 /// A core with courses of blocks before it, each a little out of line, and coping stones on top.
-fn quay(a: &Args) -> Mesh {
-    let (length, depth) = (a.get("length_m"), a.get("depth_m"));
-    let top = a.floor_depth_m + a.get("height_m");
-    let mut dice = a.rng();
+pub fn quay(a: &Quay, floor_depth_m: f64) -> Mesh {
+    let (length, depth, top) = (a.length_m, a.depth_m, floor_depth_m + a.height_m);
+    let mut dice = Dice::new(a.seed);
     let coping = 0.18f64.min(0.3 * top);
     let half = 0.5 * length;
     let mut mesh = cuboid([-half, -1.0, -depth], [half, top - coping, -0.12]);
@@ -106,10 +122,10 @@ fn quay(a: &Args) -> Mesh {
     mesh
 }
 
-fn pier(a: &Args) -> Mesh {
-    let (length, width) = (a.get("length_m"), a.get("width_m"));
-    let deck = (a.floor_depth_m + a.get("height_m")).max(0.3);
-    let mut dice = a.rng();
+pub fn pier(a: &Pier, floor_depth_m: f64) -> Mesh {
+    let (length, width) = (a.length_m, a.width_m);
+    let deck = (floor_depth_m + a.height_m).max(0.3);
+    let mut dice = Dice::new(a.seed);
     let half = 0.5 * length;
     let planks = ((length / 0.2).round() as usize).clamp(1, 400);
     let step = length / planks as f64;
@@ -161,14 +177,12 @@ fn pile(radius: f64, height: f64) -> Mesh {
     )
 }
 
-fn stones(a: &Args) -> Mesh {
-    let (width, depth, size) = (a.get("width_m"), a.get("depth_m"), a.get("size_m"));
-    let seed = a.get("seed") as u32;
-    let mut dice = a.rng();
-    merged((0..a.count("count")).map(|i| {
-        let place = (dice.between(-0.5, 0.5) * width, dice.between(-0.5, 0.5) * depth);
-        let radius = size * dice.between(0.25, 1.0).powf(1.5);
-        stone(&mut dice, radius, seed ^ i as u32, place)
+pub fn stones(a: &Stones) -> Mesh {
+    let mut dice = Dice::new(a.seed);
+    merged((0..a.count).map(|i| {
+        let place = (dice.between(-0.5, 0.5) * a.width_m, dice.between(-0.5, 0.5) * a.depth_m);
+        let radius = a.size_m * dice.between(0.25, 1.0).powf(1.5);
+        stone(&mut dice, radius, a.seed ^ i, place)
     }))
 }
 
@@ -188,8 +202,7 @@ fn stone(dice: &mut Dice, radius: f64, seed: u32, (x, z): (f64, f64)) -> Mesh {
 }
 
 /// Outside, inside and gunwale of the planking, and thwarts.
-fn hull(a: &Args) -> Mesh {
-    let (length, beam) = (a.get("length_m"), a.get("beam_m"));
+pub fn hull(&Hull { length_m: length, beam_m: beam }: &Hull) -> Mesh {
     let (draught, freeboard) = (0.35, 0.5);
     let thickness = 0.03 * beam;
     // u runs along the boat from the bow, v from the left gunwale over the keel to the right one.
@@ -235,7 +248,7 @@ fn hull(a: &Args) -> Mesh {
     merged(sides.into_iter().chain(gunwales).chain(thwarts))
 }
 
-fn bollard(_: &Args) -> Mesh {
+pub fn bollard() -> Mesh {
     let h = 0.55;
     let profile = smooth_profile(
         &[
@@ -255,14 +268,13 @@ fn bollard(_: &Args) -> Mesh {
     merged([lathe(&scaled, 24), cylinder(0.4 * h, 0.04 * h, 24)])
 }
 
-fn rope(a: &Args) -> Mesh {
-    let end = DVec3::new(a.get("to_x_m"), a.get("to_y_m"), a.get("to_z_m"));
-    let (sag, radius) = (a.get("sag_m"), 0.025);
+pub fn rope(a: &Rope) -> Mesh {
+    let end = DVec3::new(a.to_x_m, a.to_y_m, a.to_z_m);
     let path: Vec<DVec3> = (0..=32)
         .map(|i| {
             let t = f64::from(i) / 32.0;
-            end * t - DVec3::Y * (4.0 * sag * t * (1.0 - t))
+            end * t - DVec3::Y * (4.0 * a.sag_m * t * (1.0 - t))
         })
         .collect();
-    tube(&path, &vec![radius; path.len()], 8, false)
+    tube(&path, &vec![0.025; path.len()], 8, false)
 }

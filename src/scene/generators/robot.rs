@@ -4,14 +4,10 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{DMat4, DVec3};
 
-use super::{Args, Generator, generator};
 use crate::Mesh;
 use crate::shapes::{
     block, cylinder, grounded, lathe, merged, moved, scaled, smooth_profile, sphere, torus,
 };
-
-pub const GENERATORS: &[Generator] =
-    &[generator("robot", "a walking robot, facing +z, its lowest foot on the floor", robot)];
 
 /// Swing of the left leg forward and the right one back, of the right arm forward and the left one back, bend of the elbows, angle
 /// of the arms away from the body, and turn of the head to its left, degrees.
@@ -35,7 +31,7 @@ const FOREARM: f64 = 0.15;
 /// The knee that swings back bends by this much of the stride.
 const KNEE: f64 = 1.2;
 
-fn robot(_: &Args) -> Mesh {
+pub fn robot() -> Mesh {
     let [stride, swing, elbow, spread, turn] =
         [STRIDE, SWING, ELBOW, SPREAD, HEAD_TURN].map(f64::to_radians);
     let rows = ROWS;

@@ -1,35 +1,34 @@
 //! A room and its furniture.
 
+use fathom_base::settings;
 use glam::{DMat4, DVec3};
 
-use super::{Args, Dice, Generator, generator, param};
+use super::Dice;
 use crate::Mesh;
 use crate::shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved};
 
-pub const GENERATORS: &[Generator] = &[
-    generator("interior", "a closed room with a window in the wall at −x", interior).with(&[
-        param("width_m", 4.0, 0.1, 1000.0, "outer extent in x"),
-        param("height_m", 3.23, 0.1, 1000.0, "outer extent in y"),
-        param("depth_m", 3.326, 0.1, 1000.0, "outer extent in z"),
-        param("window", 0.6, 0.0, 0.95, "share of the wall that the window is wide"),
-        param("sill", 0.3, 0.0, 1.0, "share of the height below the window"),
-    ]),
-    generator("table", "a table with four legs", |_| table(DVec3::new(1.3, 0.75, 0.8))),
-    generator("chair", "a chair with a slatted back at −z", chair),
-    generator("bookcase", "a case of shelves with books, open towards +z", bookcase),
-    generator("sofa", "a sofa with cushions, its back at −z", sofa).with(&[param(
-        "width_m",
-        1.8,
-        0.2,
-        100.0,
-        "extent in x",
-    )]),
-    generator("lamp", "a standing lamp with a conical shade", lamp),
-];
+settings! {
+    pub struct Interior {
+        /// Outer extent in x.
+        width_m: f64 = 4.0 => 0.1 ..= 1000.0, "m";
+        /// Outer extent in y.
+        height_m: f64 = 3.23 => 0.1 ..= 1000.0, "m";
+        /// Outer extent in z.
+        depth_m: f64 = 3.326 => 0.1 ..= 1000.0, "m";
+        /// Share of the wall that the window is wide.
+        window: f64 = 0.6 => 0.0 ..= 0.95, "1";
+        /// Share of the height below the window.
+        sill: f64 = 0.3 => 0.0 ..= 1.0, "1";
+    }
+    pub struct Sofa {
+        /// Extent in x.
+        width_m: f64 = 1.8 => 0.2 ..= 100.0, "m";
+    }
+}
 
 /// Six sides, the one at −x in four parts around the window.
-fn interior(a: &Args) -> Mesh {
-    let (width, height, depth) = (a.get("width_m"), a.get("height_m"), a.get("depth_m"));
+pub fn interior(a: &Interior) -> Mesh {
+    let (width, height, depth) = (a.width_m, a.height_m, a.depth_m);
     let t = 0.1f64.min(0.2 * width.min(height).min(depth));
     let (x, z) = (0.5 * width, 0.5 * depth);
     let mut mesh = merged([
@@ -39,9 +38,9 @@ fn interior(a: &Args) -> Mesh {
         cuboid([-x, t, z - t], [x, height - t, z]),
         cuboid([x - t, t, t - z], [x, height - t, z - t]),
     ]);
-    let half = a.get("window") * (z - t);
+    let half = a.window * (z - t);
     let inner = height - 2.0 * t;
-    let low = t + a.get("sill") * inner;
+    let low = t + a.sill * inner;
     let high = (height - t - 0.15 * inner).max(low);
     let (near, far) = (t - z, z - t);
     let parts = [
@@ -58,7 +57,7 @@ fn interior(a: &Args) -> Mesh {
     mesh
 }
 
-fn table(size: DVec3) -> Mesh {
+pub fn table(size: DVec3) -> Mesh {
     let top = 0.05 * size.y;
     let leg = 0.06 * size.x.min(size.z);
     let board = moved(block(size.x, top, size.z), 0.0, size.y - top, 0.0);
@@ -71,7 +70,7 @@ fn table(size: DVec3) -> Mesh {
     merged([board, frame].into_iter().chain(legs))
 }
 
-fn chair(_: &Args) -> Mesh {
+pub fn chair() -> Mesh {
     let h = 0.95;
     let (side, seat, thick) = (0.45 * h, 0.47 * h, 0.045 * h);
     let mut mesh = table(DVec3::new(side, seat, side));
@@ -88,7 +87,7 @@ fn chair(_: &Args) -> Mesh {
     mesh
 }
 
-fn bookcase(_: &Args) -> Mesh {
+pub fn bookcase() -> Mesh {
     let (width, height, depth, levels) = (1.0, 2.0, 0.3, 5);
     let t = 0.04;
     let mut dice = Dice::new(1);
@@ -128,8 +127,7 @@ fn cushion(size: DVec3) -> Mesh {
     moved(mesh, 0.0, 0.5 * size.y, 0.0)
 }
 
-fn sofa(a: &Args) -> Mesh {
-    let width = a.get("width_m");
+pub fn sofa(&Sofa { width_m: width }: &Sofa) -> Mesh {
     let (depth, arm) = (0.85, 0.09 * width);
     let inner = width - 2.0 * arm;
     let each = inner / 3.0;
@@ -157,7 +155,7 @@ fn sofa(a: &Args) -> Mesh {
 }
 
 /// Foot and pole in one piece, the shade a thin open cone beside them.
-fn lamp(_: &Args) -> Mesh {
+pub fn lamp() -> Mesh {
     let h = 1.6;
     let (foot, pole) = (0.1 * h, 0.009 * h);
     let stand = [

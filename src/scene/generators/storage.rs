@@ -2,61 +2,87 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+use fathom_base::settings;
 use glam::{DMat4, DVec3};
 
-use super::{Args, Dice, Generator, SEED, generator, param};
+use super::Dice;
 use crate::Mesh;
 use crate::shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube};
 
-pub const GENERATORS: &[Generator] = &[
-    generator("hall", "a hall with floor, walls, and a roof of slabs with gaps between them", hall)
-        .with(&[
-            param("width_m", 12.0, 0.5, 1000.0, "inner extent in x"),
-            param("depth_m", 16.0, 0.5, 1000.0, "inner extent in z"),
-            param("height_m", 2.4, 0.1, 100.0, "height of the roof above the water"),
-            param("slabs", 5.0, 0.0, 100.0, "number of roof slabs, along z"),
-            param("cover", 0.45, 0.0, 0.9, "share of the roof that the slabs cover"),
-        ]),
-    generator("trusses", "roof trusses across x", trusses).with(&[
-        param("width_m", 12.0, 0.5, 1000.0, "extent in x"),
-        param("depth_m", 16.0, 0.5, 1000.0, "extent in z over which they are spread"),
-        param("height_m", 1.7, -100.0, 100.0, "height of their lower edge above the water"),
-        param("rise_m", 0.6, 0.05, 20.0, "height of a truss"),
-        param("count", 5.0, 1.0, 100.0, "number of trusses"),
-    ]),
-    generator("crates", "stacks of wooden crates in rows over a rectangle", crates).with(&[
-        param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
-        param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
-        param("size_m", 0.9, 0.05, 20.0, "edge of the largest crate"),
-        param("stack", 3.0, 1.0, 10.0, "crates in the highest stack"),
-        param("gaps", 0.3, 0.0, 1.0, "share of places left empty"),
-        SEED,
-    ]),
-    generator("barrels", "barrels strewn over a rectangle, some fallen", barrels).with(&[
-        param("count", 8.0, 1.0, 60.0, "number of barrels"),
-        param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
-        param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
-        param("fallen", 0.35, 0.0, 1.0, "share of barrels that lie on their side"),
-        SEED,
-    ]),
-    generator("shelves", "a rack of shelves along x with boxes on it, open towards +z", shelves)
-        .with(&[
-            param("width_m", 5.0, 0.2, 200.0, "extent in x"),
-            param("height_m", 2.6, 0.2, 50.0, "height"),
-            param("bays", 3.0, 1.0, 40.0, "number of bays"),
-            SEED,
-        ]),
-    generator("pipe", "a pipe along x with flanges, bent down to the floor at both ends", pipe)
-        .with(&[
-            param("length_m", 8.0, 0.5, 500.0, "extent in x"),
-            param("height_m", 2.0, 0.1, 100.0, "height of its middle above the floor"),
-            param("radius_m", 0.14, 0.005, 10.0, "radius"),
-        ]),
-];
+settings! {
+    pub struct Hall {
+        /// Inner extent in x.
+        width_m: f64 = 12.0 => 0.5 ..= 1000.0, "m";
+        /// Inner extent in z.
+        depth_m: f64 = 16.0 => 0.5 ..= 1000.0, "m";
+        /// Height of the roof above the water.
+        height_m: f64 = 2.4 => 0.1 ..= 100.0, "m";
+        /// Number of roof slabs, along z.
+        slabs: u32 = 5 => 0 ..= 100, "1";
+        /// Share of the roof that the slabs cover.
+        cover: f64 = 0.45 => 0.0 ..= 0.9, "1";
+    }
+    pub struct Trusses {
+        /// Extent in x.
+        width_m: f64 = 12.0 => 0.5 ..= 1000.0, "m";
+        /// Extent in z over which they are spread.
+        depth_m: f64 = 16.0 => 0.5 ..= 1000.0, "m";
+        /// Height of their lower edge above the water.
+        height_m: f64 = 1.7 => -100.0 ..= 100.0, "m";
+        /// Height of a truss.
+        rise_m: f64 = 0.6 => 0.05 ..= 20.0, "m";
+        /// Number of trusses.
+        count: u32 = 5 => 1 ..= 100, "1";
+    }
+    pub struct Crates {
+        /// Extent in x.
+        width_m: f64 = 4.0 => 0.1 ..= 1000.0, "m";
+        /// Extent in z.
+        depth_m: f64 = 4.0 => 0.1 ..= 1000.0, "m";
+        /// Edge of the largest crate.
+        size_m: f64 = 0.9 => 0.05 ..= 20.0, "m";
+        /// Crates in the highest stack.
+        stack: u32 = 3 => 1 ..= 10, "1";
+        /// Share of places left empty.
+        gaps: f64 = 0.3 => 0.0 ..= 1.0, "1";
+        /// Seed of the random numbers.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+    }
+    pub struct Barrels {
+        /// Number of barrels.
+        count: u32 = 8 => 1 ..= 60, "1";
+        /// Extent in x.
+        width_m: f64 = 4.0 => 0.1 ..= 1000.0, "m";
+        /// Extent in z.
+        depth_m: f64 = 4.0 => 0.1 ..= 1000.0, "m";
+        /// Share of barrels that lie on their side.
+        fallen: f64 = 0.35 => 0.0 ..= 1.0, "1";
+        /// Seed of the random numbers.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+    }
+    pub struct Shelves {
+        /// Extent in x.
+        width_m: f64 = 5.0 => 0.2 ..= 200.0, "m";
+        /// Height.
+        height_m: f64 = 2.6 => 0.2 ..= 50.0, "m";
+        /// Number of bays.
+        bays: u32 = 3 => 1 ..= 40, "1";
+        /// Seed of the random numbers.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+    }
+    pub struct Pipe {
+        /// Extent in x.
+        length_m: f64 = 8.0 => 0.5 ..= 500.0, "m";
+        /// Height of its middle above the floor.
+        height_m: f64 = 2.0 => 0.1 ..= 100.0, "m";
+        /// Radius.
+        radius_m: f64 = 0.14 => 0.005 ..= 10.0, "m";
+    }
+}
 
-fn hall(a: &Args) -> Mesh {
-    let (x, z) = (0.5 * a.get("width_m"), 0.5 * a.get("depth_m"));
-    let (wall, top) = (0.3, a.floor_depth_m + a.get("height_m"));
+pub fn hall(a: &Hall, floor_depth_m: f64) -> Mesh {
+    let (x, z) = (0.5 * a.width_m, 0.5 * a.depth_m);
+    let (wall, top) = (0.3, floor_depth_m + a.height_m);
     let (ox, oz) = (x + wall, z + wall);
     let mut mesh = merged([
         cuboid([-ox, -wall, -oz], [ox, 0.0, oz]),
@@ -65,11 +91,10 @@ fn hall(a: &Args) -> Mesh {
         cuboid([-x, 0.0, -oz], [x, top, -z]),
         cuboid([-x, 0.0, z], [x, top, oz]),
     ]);
-    let slabs = a.count("slabs");
-    let bay = 2.0 * oz / slabs.max(1) as f64;
-    for i in 0..slabs {
-        let middle = (i as f64 + 0.5) * bay - oz;
-        let half = 0.5 * bay * a.get("cover");
+    let bay = 2.0 * oz / f64::from(a.slabs.max(1));
+    for i in 0..a.slabs {
+        let middle = (f64::from(i) + 0.5) * bay - oz;
+        let half = 0.5 * bay * a.cover;
         if half > 0.0 {
             mesh.append(&cuboid([-ox, top, middle - half], [ox, top + 0.5 * wall, middle + half]));
         }
@@ -77,14 +102,12 @@ fn hall(a: &Args) -> Mesh {
     mesh
 }
 
-fn trusses(a: &Args) -> Mesh {
-    let (width, depth, rise) = (a.get("width_m"), a.get("depth_m"), a.get("rise_m"));
-    let low = a.floor_depth_m + a.get("height_m");
-    let (count, bays) = (a.count("count"), 8usize);
+pub fn trusses(a: &Trusses, floor_depth_m: f64) -> Mesh {
+    let (low, rise, bays) = (floor_depth_m + a.height_m, a.rise_m, 8usize);
     let thick = 0.14 * rise.min(1.0);
-    merged((0..count).flat_map(|i| {
-        let z = ((i as f64 + 0.5) / count as f64 - 0.5) * depth;
-        let at = |k: f64, y: f64| DVec3::new((k / bays as f64 - 0.5) * width, low + y, z);
+    merged((0..a.count).flat_map(|i| {
+        let z = ((f64::from(i) + 0.5) / f64::from(a.count) - 0.5) * a.depth_m;
+        let at = |k: f64, y: f64| DVec3::new((k / bays as f64 - 0.5) * a.width_m, low + y, z);
         let ends = bays as f64;
         let chords =
             [bar(at(0.0, 0.0), at(ends, 0.0), thick), bar(at(0.0, rise), at(ends, rise), thick)];
@@ -127,18 +150,17 @@ fn wooden_crate(size: DVec3) -> Mesh {
     mesh
 }
 
-fn crates(a: &Args) -> Mesh {
-    let (width, depth, size) = (a.get("width_m"), a.get("depth_m"), a.get("size_m"));
-    let mut dice = a.rng();
-    let along = |extent: f64| ((extent / (1.15 * size)) as usize).clamp(1, 8);
-    let (columns, rows) = (along(width), along(depth));
+pub fn crates(a: &Crates) -> Mesh {
+    let mut dice = Dice::new(a.seed);
+    let along = |extent: f64| ((extent / (1.15 * a.size_m)) as usize).clamp(1, 8);
+    let (columns, rows) = (along(a.width_m), along(a.depth_m));
     let mut mesh = Mesh::default();
     for i in 0..columns * rows {
         let place = |k: usize, n: usize, extent: f64| ((k as f64 + 0.5) / n as f64 - 0.5) * extent;
-        let (x, z) = (place(i % columns, columns, width), place(i / columns, rows, depth));
-        let empty = dice.between(0.0, 1.0) < a.get("gaps") && i > 0;
-        let stack = if empty { 0 } else { dice.between(1.0, a.get("stack") + 0.99) as usize };
-        mesh.append(&stacked(&mut dice, stack, size, (x, z)));
+        let (x, z) = (place(i % columns, columns, a.width_m), place(i / columns, rows, a.depth_m));
+        let empty = dice.between(0.0, 1.0) < a.gaps && i > 0;
+        let stack = if empty { 0 } else { dice.between(1.0, f64::from(a.stack) + 0.99) as usize };
+        mesh.append(&stacked(&mut dice, stack, a.size_m, (x, z)));
     }
     mesh
 }
@@ -183,17 +205,16 @@ fn barrel(height: f64) -> Mesh {
     merged([lathe(&profile, 40), moved(cylinder(0.1 * r, 0.025 * h, 12), 0.55 * r, 0.97 * h, 0.0)])
 }
 
-fn barrels(a: &Args) -> Mesh {
-    let (width, depth, h) = (a.get("width_m"), a.get("depth_m"), 0.95);
-    let mut dice = a.rng();
+pub fn barrels(a: &Barrels) -> Mesh {
+    let (h, mut dice) = (0.95, Dice::new(a.seed));
     let mut places: Vec<(f64, f64)> = Vec::new();
     let mut mesh = Mesh::default();
-    for _ in 0..a.count("count") {
+    for _ in 0..a.count {
         // The freest of a few random places.
         let mut room = f64::NEG_INFINITY;
         let mut best = (0.0, 0.0);
         for _ in 0..24 {
-            let p = (dice.between(-0.5, 0.5) * width, dice.between(-0.5, 0.5) * depth);
+            let p = (dice.between(-0.5, 0.5) * a.width_m, dice.between(-0.5, 0.5) * a.depth_m);
             let nearest = places.iter().map(|q| (p.0 - q.0).hypot(p.1 - q.1)).fold(1e9, f64::min);
             if nearest > room {
                 (room, best) = (nearest, p);
@@ -201,7 +222,7 @@ fn barrels(a: &Args) -> Mesh {
         }
         places.push(best);
         let turn = DMat4::from_rotation_y(dice.between(0.0, TAU));
-        let fallen = dice.between(0.0, 1.0) < a.get("fallen");
+        let fallen = dice.between(0.0, 1.0) < a.fallen;
         let one = if fallen {
             let lying = DMat4::from_rotation_z(FRAC_PI_2);
             moved(barrel(h).transformed(&lying), 0.5 * h, 0.335 * h, 0.0)
@@ -213,23 +234,22 @@ fn barrels(a: &Args) -> Mesh {
     mesh
 }
 
-fn shelves(a: &Args) -> Mesh {
-    let (width, height, depth) = (a.get("width_m"), a.get("height_m"), 0.7);
-    let (levels, bays) = (4, a.count("bays"));
-    let mut dice = a.rng();
-    let bay = width / bays as f64;
-    let gap = height / f64::from(levels);
+pub fn shelves(a: &Shelves) -> Mesh {
+    let (width, height, depth) = (a.width_m, a.height_m, 0.7);
+    let (levels, mut dice) = (4, Dice::new(a.seed));
+    let (bay, gap) = (width / f64::from(a.bays), height / f64::from(levels));
     let mut mesh = Mesh::default();
-    for i in 0..=bays {
+    for i in 0..=a.bays {
+        let x = f64::from(i) * bay - 0.5 * width;
         for z in [-0.5 * depth, 0.5 * depth] {
-            mesh.append(&moved(block(0.06, height, 0.06), i as f64 * bay - 0.5 * width, 0.0, z));
+            mesh.append(&moved(block(0.06, height, 0.06), x, 0.0, z));
         }
     }
     for level in 0..levels {
         let y = (f64::from(level) + 0.35) * gap;
         mesh.append(&moved(block(width, 0.05, depth), 0.0, y, 0.0));
-        for i in 0..bays {
-            let place = (i as f64 * bay - 0.5 * width, y + 0.05);
+        for i in 0..a.bays {
+            let place = (f64::from(i) * bay - 0.5 * width, y + 0.05);
             mesh.append(&goods(&mut dice, place, bay, 0.6 * gap, depth));
         }
     }
@@ -255,8 +275,8 @@ fn goods(dice: &mut Dice, (left, y): (f64, f64), bay: f64, height: f64, depth: f
     mesh
 }
 
-fn pipe(a: &Args) -> Mesh {
-    let (half, y, r) = (0.5 * a.get("length_m"), a.get("height_m"), a.get("radius_m"));
+pub fn pipe(a: &Pipe) -> Mesh {
+    let (half, y, r) = (0.5 * a.length_m, a.height_m, a.radius_m);
     let bend = (3.0 * r).min(0.5 * y).min(0.5 * half);
     // A quarter circle at either end, from the upright to the level part.
     let turn = |side: f64, i: i32| {

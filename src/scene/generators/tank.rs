@@ -2,46 +2,52 @@
 
 use std::f64::consts::TAU;
 
+use fathom_base::settings;
 use glam::DVec3;
 
-use super::{Args, Generator, generator, param};
 use crate::Mesh;
 use crate::shapes::{
     block, cuboid, displaced_sphere, lathe, merged, moved, quad, scaled, smooth_path,
     smooth_profile, tube, turned,
 };
 
-pub const GENERATORS: &[Generator] =
-    &[
-        generator(
-            "basin",
-            "a rectangular basin open above: floor and walls face inward, with a rim",
-            basin,
-        )
-        .with(&[
-            param("width_m", 10.0, 0.1, 1000.0, "inner extent in x"),
-            param("depth_m", 12.0, 0.1, 1000.0, "inner extent in z"),
-            param("rim_m", 0.4, 0.0, 100.0, "height of the rim above the water"),
-            param("wall_m", 0.4, 0.01, 100.0, "thickness of the walls"),
-        ]),
-        generator("column", "a fluted column with base and capital", column).with(&[
-            param("radius_m", 0.35, 0.01, 100.0, "radius of the shaft"),
-            param("height_m", 2.6, 0.1, 100.0, "overall height"),
-        ]),
-        generator("steps", "a flight of steps that rises towards -z", steps).with(&[
-            param("width_m", 3.0, 0.1, 100.0, "extent in x"),
-            param("rise_m", 0.25, 0.01, 10.0, "height of one step"),
-            param("run_m", 0.35, 0.01, 10.0, "depth of one step"),
-            param("count", 6.0, 1.0, 100.0, "number of steps"),
-        ]),
-        generator("statue", "a draped figure with raised arm on a pedestal", statue)
-            .with(&[param("height_m", 2.2, 0.1, 100.0, "overall height")]),
-    ];
+settings! {
+    pub struct Basin {
+        /// Inner extent in x.
+        width_m: f64 = 10.0 => 0.1 ..= 1000.0, "m";
+        /// Inner extent in z.
+        depth_m: f64 = 12.0 => 0.1 ..= 1000.0, "m";
+        /// Height of the rim above the water.
+        rim_m: f64 = 0.4 => 0.0 ..= 100.0, "m";
+        /// Thickness of the walls.
+        wall_m: f64 = 0.4 => 0.01 ..= 100.0, "m";
+    }
+    pub struct Column {
+        /// Radius of the shaft.
+        radius_m: f64 = 0.35 => 0.01 ..= 100.0, "m";
+        /// Overall height.
+        height_m: f64 = 2.6 => 0.1 ..= 100.0, "m";
+    }
+    pub struct Steps {
+        /// Extent in x.
+        width_m: f64 = 3.0 => 0.1 ..= 100.0, "m";
+        /// Height of one step.
+        rise_m: f64 = 0.25 => 0.01 ..= 10.0, "m";
+        /// Depth of one step.
+        run_m: f64 = 0.35 => 0.01 ..= 10.0, "m";
+        /// Number of steps.
+        count: u32 = 6 => 1 ..= 100, "1";
+    }
+    pub struct Statue {
+        /// Overall height.
+        height_m: f64 = 2.2 => 0.1 ..= 100.0, "m";
+    }
+}
 
 /// Inner walls and floor, top of the rim, and outer walls.
-fn basin(a: &Args) -> Mesh {
-    let (x, z, wall) = (0.5 * a.get("width_m"), 0.5 * a.get("depth_m"), a.get("wall_m"));
-    let top = a.floor_depth_m + a.get("rim_m");
+pub fn basin(a: &Basin, floor_depth_m: f64) -> Mesh {
+    let (x, z, wall) = (0.5 * a.width_m, 0.5 * a.depth_m, a.wall_m);
+    let top = floor_depth_m + a.rim_m;
     let inside = cuboid([-x, 0.0, -z], [x, top, z]).inverted();
     let (ox, oz) = (x + wall, z + wall);
     let outside = cuboid([-ox, -wall, -oz], [ox, top, oz]);
@@ -63,8 +69,7 @@ fn without_lid(mut mesh: Mesh, top: f64) -> Mesh {
     mesh
 }
 
-fn column(a: &Args) -> Mesh {
-    let (r, h) = (a.get("radius_m"), a.get("height_m"));
+pub fn column(&Column { radius_m: r, height_m: h }: &Column) -> Mesh {
     let foot = (0.16 * h).min(0.9 * r);
     let (low, high) = (foot, h - foot);
     let shaft: Vec<(f64, f64)> = (0..=20)
@@ -89,18 +94,17 @@ fn column(a: &Args) -> Mesh {
     ])
 }
 
-fn steps(a: &Args) -> Mesh {
-    let (x, rise, run) = (0.5 * a.get("width_m"), a.get("rise_m"), a.get("run_m"));
-    let count = a.count("count");
-    merged((0..count).map(|i| {
-        let (front, back) = (-(i as f64) * run, -(count as f64) * run);
-        let (bottom, top) = (i as f64 * rise, (i + 1) as f64 * rise);
+pub fn steps(a: &Steps) -> Mesh {
+    let (x, rise, run) = (0.5 * a.width_m, a.rise_m, a.run_m);
+    merged((0..a.count).map(|i| {
+        let (front, back) = (-f64::from(i) * run, -f64::from(a.count) * run);
+        let (bottom, top) = (f64::from(i) * rise, f64::from(i + 1) * rise);
         cuboid([-x, bottom, back], [x, top, front])
     }))
 }
 
 /// A figure of unit height on its pedestal, scaled.
-fn statue(a: &Args) -> Mesh {
+pub fn statue(a: &Statue) -> Mesh {
     let pedestal = [
         block(0.34, 0.05, 0.34),
         cuboid([-0.14, 0.05, -0.14], [0.14, 0.2, 0.14]),
@@ -144,5 +148,5 @@ fn statue(a: &Args) -> Mesh {
     let lowered = [(0.085, 0.795, 0.0), (0.135, 0.7, 0.0), (0.13, 0.6, 0.06), (0.07, 0.58, 0.11)];
     let arms = [raised, lowered].map(|knots| arm(&knots.map(|(x, y, z)| DVec3::new(x, y, z))));
     let figure = merged(pedestal.into_iter().chain([body, head]).chain(arms));
-    scaled(figure, a.get("height_m"))
+    scaled(figure, a.height_m)
 }

@@ -4,20 +4,19 @@
 //! patches of the bottom were added later. Both are listed in F. Crow, *The Origins of the Teapot*, IEEE Computer Graphics and
 //! Applications 7(1), 1987. Most points follow from others by symmetry; here each stands once, in the units of the data, +z up.
 
+use fathom_base::settings;
 use glam::{DMat4, DVec3};
 use itertools::iproduct;
 
-use super::{Args, Generator, generator, param};
 use crate::Mesh;
 use crate::shapes::{merged, sheet};
 
-pub const GENERATORS: &[Generator] = &[generator(
-    "teapot",
-    "the Utah teapot of Bézier patches, spout towards +x; SPT Table 1 has 2,257 triangles, 6 divisions give 2,256",
-    teapot,
-)
-// With 1 the lip of the spout has no area.
-.with(&[param("divisions", 6.0, 2.0, 40.0, "quads along each side of a patch")])];
+settings! {
+    pub struct Teapot {
+        /// Quads along each side of a patch: 6 make 2,256 triangles, SPT Table 1 has 2,257. With 1 the lip of the spout has no area.
+        divisions: u32 = 6 => 2 ..= 40, "1";
+    }
+}
 
 /// Height of the data.
 const HEIGHT: f64 = 3.15;
@@ -75,8 +74,8 @@ const MIRRORED: [[CrossSection; 4]; 4] = [
 /// A bicubic Bézier patch: rows along v, in each the points along u. ∂u × ∂v points outward.
 struct BezierPatch([[DVec3; 4]; 4]);
 
-fn teapot(a: &Args) -> Mesh {
-    let n = a.count("divisions");
+pub fn teapot(a: &Teapot) -> Mesh {
+    let n = a.divisions as usize;
     let upright = DMat4::from_rotation_x(-std::f64::consts::FRAC_PI_2);
     let size = DMat4::from_scale(DVec3::splat(1.0 / HEIGHT));
     merged(patches().map(|patch| patch.mesh(n))).transformed(&(size * upright))
@@ -156,10 +155,6 @@ mod tests {
 
     use super::*;
 
-    fn made(divisions: f64) -> Mesh {
-        super::super::made("teapot", &[("divisions", divisions)])
-    }
-
     fn position(mesh: &Mesh, i: u32) -> DVec3 {
         Vec3::from(mesh.positions[i as usize]).as_dvec3()
     }
@@ -170,8 +165,8 @@ mod tests {
 
     #[test]
     fn vertices_of_a_patch_are_shared_and_no_triangle_is_degenerate() {
-        for divisions in [2.0, 6.0, 7.0, 40.0] {
-            let mesh = made(divisions);
+        for divisions in [2, 6, 7, 40] {
+            let mesh = teapot(&Teapot { divisions });
             let n = divisions as usize;
             assert_eq!(mesh.positions.len(), 32 * (n + 1) * (n + 1));
             // Eight patches end in a pole.
@@ -181,13 +176,13 @@ mod tests {
             assert!(least.fold(f64::INFINITY, f64::min) > 1e-8, "{divisions}");
         }
         // The default, with the triangles of the paper.
-        assert!(super::super::made("teapot", &[]).triangle_count().abs_diff(2257) <= 10);
+        assert!(teapot(&Teapot::default()).triangle_count().abs_diff(2257) <= 10);
     }
 
     /// Normals of the patches' derivatives against those of ever smaller triangles around the vertex.
     #[test]
     fn normals_are_those_of_the_surface_at_the_poles_too() {
-        let mesh = made(40.0);
+        let mesh = teapot(&Teapot { divisions: 40 });
         for (pole, expected) in [(1.0, DVec3::Y), (0.0, DVec3::NEG_Y)] {
             let at_pole: Vec<u32> = (0..mesh.positions.len() as u32)
                 .filter(|i| position(&mesh, *i).distance(DVec3::Y * pole) < 1e-6)

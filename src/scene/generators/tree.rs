@@ -2,17 +2,11 @@
 
 use glam::{DQuat, DVec3};
 
-use super::{Dice, Generator, generator};
+use super::Dice;
 use crate::Mesh;
 use crate::shapes::{merged, scaled, tube};
 
-pub const GENERATORS: &[Generator] = &[generator(
-    "tree",
-    "a tree of tapered branches, grown by an L-system; SPT Fig. 11, 12",
-    |_| tree(SEED, GENERATIONS),
-)];
-
-const SEED: u64 = 1;
+const SEED: u32 = 1;
 /// Rewritings of each bud: 2¹¹ twigs.
 const GENERATIONS: usize = 11;
 /// Height, and radius of the trunk, metres.
@@ -59,15 +53,15 @@ const AREA_EXPONENT: f64 = 2.2;
 const FOOT: f64 = 1.5;
 const TIP: f64 = 0.4;
 
-fn tree(seed: u64, generations: usize) -> Mesh {
-    let branches = grown(seed, generations);
+pub fn tree() -> Mesh {
+    let branches = grown(SEED, GENERATIONS);
     let height = branches.iter().flat_map(|b| &b.points).map(|p| p.y).fold(0.0, f64::max);
     let factor = HEIGHT / height;
     let all = branches.len() as f64;
     scaled(merged(branches.iter().map(|branch| branch.limb(RADIUS / factor, all))), factor)
 }
 
-fn grown(seed: u64, generations: usize) -> Vec<Branch> {
+fn grown(seed: u32, generations: usize) -> Vec<Branch> {
     let mut dice = Dice::new(seed);
     let angle = ANGLE_DEG.to_radians();
     let grow = |modules: Vec<Module>, _| rewritten(&modules, angle, &mut dice);
@@ -195,7 +189,7 @@ mod tests {
 
     #[test]
     fn it_stands_on_the_floor_at_its_height_with_tens_of_thousands_of_triangles() {
-        let mesh = tree(SEED, GENERATIONS);
+        let mesh = tree();
         assert!((20_000..60_000).contains(&mesh.triangle_count()), "{}", mesh.triangle_count());
         let bounds = mesh.bounds();
         assert!(bounds.min.y.abs() < 1e-6 && (bounds.max.y - HEIGHT).abs() < 0.05, "{bounds:?}");

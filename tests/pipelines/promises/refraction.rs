@@ -1,6 +1,5 @@
 //! Exits from glass in screen space, against exact ray tracing.
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use fathom::pipelines::refraction::{Params, ScreenRefraction};
@@ -23,9 +22,8 @@ fn solids(number: u32, factor: f32) -> Scene {
     scene.objects.clear();
     let plates: &[f64] = if number % 3 == 2 { &[-0.6, -0.2, 0.2, 0.6] } else { &[0.0] };
     for plate_y in plates {
-        let rows = 3.0 + (3.0 * random.number()).floor();
-        let rows = BTreeMap::from([("rows".into(), rows), ("radius_m".into(), 1.0)]);
-        let ball = generators::find("sphere").unwrap().mesh(&rows, 1.0).unwrap();
+        let rows = 3 + (3.0 * random.number()) as u32;
+        let ball = generators::sphere(&generators::Sphere { rows, radius_m: 1.0 });
         let half_m = 0.75 + vector(random, 0.25);
         let half_m = half_m * DVec3::new(1.0, if plates.len() > 1 { 0.02 } else { 1.0 }, 1.0);
         let dents = vector(random, 3.0) * f64::from(u8::from(number % 3 == 1));

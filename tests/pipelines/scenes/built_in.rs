@@ -90,7 +90,7 @@ fn unusable_values_are_named() {
     assert!(broken(|f| f.objects[1].generator = None).contains("needs one of"));
     assert!(broken(|f| f.objects[1].transform.scale = 0.0).contains("transform.scale"));
     assert!(broken(|f| f.objects[1].material.albedo[0] = f32::NAN).contains("albedo"));
-    assert!(broken(|f| f.objects[1].params = [("x".to_owned(), 1.0)].into()).contains("`x`"));
+    assert!(broken(|f| f.objects[1].params = [("x".to_owned(), 1.into())].into()).contains("`x`"));
 }
 
 #[test]
