@@ -2,7 +2,6 @@
 //! `make test-all` installs these and runs it. Where one is missing, its test fails.
 #![cfg(target_os = "linux")]
 
-mod ceilings;
 #[path = "../common/mod.rs"]
 mod common;
 mod jobs;
