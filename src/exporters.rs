@@ -4,7 +4,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use itertools::Itertools;
 
 use crate::folder::Dir;
@@ -16,6 +16,7 @@ use crate::record::comparison::Gate;
 use crate::record::output::RECORDS;
 use crate::record::{self, RecordFile};
 use crate::report::changes::RunChanges;
+use crate::report::charts::png::Rasterizer;
 use crate::report::comparison::on_page;
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
@@ -71,15 +72,18 @@ pub fn listing() -> Vec<[String; 5]> {
     of_runs.chain(of_comparisons).collect()
 }
 
-/// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
-pub fn write(folder: &Path, reading: RecordFile) -> anyhow::Result<Vec<PathBuf>> {
+/// Writes the files of a folder's records beside them, with `png` plots as PNG too. Gives their paths. A run's link the pictures that lie there.
+pub fn write(folder: &Path, reading: RecordFile, png: bool) -> anyhow::Result<Vec<PathBuf>> {
     if holds_comparison(&reading.records) {
+        ensure!(!png, "a comparison has no plots for --png");
         let comparison = Comparison::from_reading(reading, &folder.join(RECORDS))?;
         return write_artifacts(folder, comparison_files(&Verdicts::judge(&comparison)));
     }
     let left_out =
         SkippedInput::lines(&folder.join(RECORDS), &reading.damaged).into_iter().collect();
-    write_view(folder, &Report { left_out, ..Report::new(&reading.records, Some(folder)) })
+    let view = Report { left_out, ..Report::new(&reading.records, Some(folder)) };
+    let pngs = if png { Rasterizer::new()?.pictures(&view)? } else { Vec::new() };
+    Ok([write_view(folder, &view)?, write_artifacts(folder, pngs)?].concat())
 }
 
 /// Writes the files of a run beside its records, and gives their paths.

@@ -50,7 +50,7 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> ExitResult {
         ..begun(catalog, &args.measured)?
     };
     watch_interrupts()?;
-    measure(&RunOptions { request: request(args), ..options }, start)
+    measure(args.measured.png, &RunOptions { request: request(args), ..options }, start)
 }
 
 /// What a run and a sweep are told alike. On a software adapter the process begins again on one core.
@@ -78,7 +78,8 @@ fn on_one_core(options: &gpu::Options) -> anyhow::Result<()> {
 }
 
 /// Measures what is asked for, writes records and reports, and prints what came out in short: of sweeps their tables.
-pub fn measure(options: &RunOptions, start: Instant) -> ExitResult {
+pub fn measure(png: bool, options: &RunOptions, start: Instant) -> ExitResult {
+    let _has_fonts = png.then(report::charts::png::Rasterizer::new).transpose()?;
     let mut has_tables = false;
     let mut report = |folder: &Path, records: &[Record], standing: RunProgress| {
         let view = Report { standing: Some(standing), ..Report::new(records, Some(folder)) };
@@ -96,7 +97,7 @@ pub fn measure(options: &RunOptions, start: Instant) -> ExitResult {
     let in_short = report::terminal_summary(&view);
     print_sizes(&view);
     drop(view);
-    let files = exporters::write(&output.folder, reading)?;
+    let files = exporters::write(&output.folder, reading, png)?;
     in_short.iter().for_each(print::status);
     print_summary(&summary, options);
     print_pages(&files);
@@ -367,10 +368,11 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> ExitResult {
 
 /// Of one folder all its files, beside its records. Of several, or into another folder, one page. Of two runs what changed is
 /// printed, with a page or without.
-pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> ExitResult {
+pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>, png: bool) -> ExitResult {
     if let ([folder], None) = (folders.as_slice(), &out) {
-        return list_files(report_of(folder)?);
+        return list_files(report_of(folder, png)?);
     }
+    anyhow::ensure!(!png, "--png is for the plots of one folder, without --out");
     let read = exporters::ReportFolders::read(&folders)?;
     let changes = read.changes().map(|changes| print::answer(changes.into_text()));
     match out {
@@ -389,11 +391,11 @@ pub fn sound(output: &OutputFolder, hint: &str) -> anyhow::Result<RecordFile> {
     Ok(reading)
 }
 
-fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+fn report_of(folder: &Path, png: bool) -> anyhow::Result<Vec<PathBuf>> {
     let output = OutputFolder { folder: folder.to_owned() };
     let reading = sound(&output, "a run's folder holds its records in")?;
     let _lock = FolderLock::take(folder)?;
-    exporters::write(&output.folder, reading)
+    exporters::write(&output.folder, reading, png)
 }
 
 pub fn worker(catalog: &Catalog, args: AdapterArgs) -> ExitResult {

@@ -69,7 +69,7 @@ fn obey(catalog: &Catalog, command: Command) -> commands::ExitResult {
         Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
         Command::Dump(args) => commands::dump(catalog, args),
-        Command::Report { folders, out } => commands::report(folders, out),
+        Command::Report { folders, out, png } => commands::report(folders, out, png),
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
@@ -183,6 +183,9 @@ pub enum Command {
         /// Write one page of all folders, into this folder
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+        /// Of one folder, write each plot as a PNG beside its SVG
+        #[arg(long)]
+        png: bool,
     },
     /// Write a folder's records in another format: CSV, JUnit, Bencher and others
     Export(ExportArgs),
@@ -290,6 +293,9 @@ pub struct MeasureArgs {
     /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Write each plot as a PNG beside its SVG when the run ends
+    #[arg(long)]
+    pub png: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

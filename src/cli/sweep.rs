@@ -61,5 +61,5 @@ pub fn sweep(catalog: &Catalog, args: SweepArgs) -> ExitResult {
     commands::watch_interrupts()?;
     let request = Request { given: Some(experiment), ..Request::default() };
     let options = RunOptions { request, no_ceilings: !args.ceilings, ..options };
-    commands::measure(&options, start)
+    commands::measure(args.measured.png, &options, start)
 }

@@ -8,6 +8,7 @@ mod chart;
 mod lines;
 mod map;
 pub(super) mod names;
+pub mod png;
 pub mod points;
 mod ratios;
 mod stacked;
@@ -357,6 +358,23 @@ mod tests {
                 assert!(selector.starts_with(".fathom-chart "), "{selector}");
             }
         }
+    }
+
+    /// The title has the first 72 rows of a PNG for itself.
+    #[test]
+    fn a_png_is_its_plot_at_twice_the_size_with_words() {
+        let (records, wordless) = (mapped(), png::Rasterizer(Default::default()));
+        let dark = |rasterizer: &png::Rasterizer, rows| {
+            let files = rasterizer.pictures(&Report::new(&records, None)).unwrap();
+            let picture = image::load_from_memory(&files[0].bytes).unwrap().to_luma8();
+            let [w, h] = [picture.width() / 2, picture.height() / 2];
+            assert!(svgs(&records)["own.svg"].contains(&format!("width=\"{w}\" height=\"{h}\"")));
+            assert_eq!((&*files[0].name, files.len(), picture[(0, 0)][0]), ("own.png", 1, 255));
+            picture.rows().take(rows).flatten().filter(|pixel| pixel[0] < 100).count()
+        };
+        assert!(dark(&wordless, 72) == 0 && dark(&wordless, usize::MAX) > 500);
+        let has_words = png::Rasterizer::new().map(|rasterizer| dark(&rasterizer, 72) > 500);
+        assert!(has_words.unwrap_or_else(|error| error.to_string().contains("fonts-dejavu-core")));
     }
 
     /// Lines of a series that join points.

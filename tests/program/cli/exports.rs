@@ -60,6 +60,13 @@ fn what_cannot_be_exported_is_one_clear_line() {
         place.fathom(format!("export {words}")).refused(reason);
     }
     assert_eq!(names(&place.path("")), ["comparison", "empty", "run"]);
+    place.fathom("report --png comparison").refused("a comparison has no plots");
+    place.fathom("report --png run run").refused("--png is for the plots of one folder");
+    let no_fonts = place.write("fonts.conf", "<fontconfig><dir>none</dir></fontconfig>");
+    place.fathom("report --png run").env("FONTCONFIG_FILE", no_fonts).refused("fonts-dejavu-core");
+    let has_fonts = fathom::report::charts::png::Rasterizer::new().is_ok();
+    place.fathom("report --png run").ends(if has_fonts { 0 } else { 2 });
+    assert_eq!(place.path("run/uw-photons.png").exists(), has_fonts);
     place.write("empty/records.jsonl", "nonsense\n");
     place.fathom("export csv empty").refused("holds no sound record: line 1: not JSON");
 }
