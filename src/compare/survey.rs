@@ -1,7 +1,7 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
 use super::launch::{ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
-use super::protocol::{CheckReading, GateConfiguration, Greeting, Reply, WorkerRequest};
+use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
@@ -84,7 +84,11 @@ pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: &[String]) -> Vec<Com
         for (side, reply) in Side::BOTH.into_iter().zip(both(builds, &request)) {
             match reply {
                 Ok(Reply::Checks { checks }) => {
-                    lines.extend(checks.into_iter().map(|check| checked(side, check)));
+                    lines.extend(
+                        checks
+                            .into_iter()
+                            .map(|check| Compared::Check(CheckFigure { side, check })),
+                    );
                 }
                 other => {
                     let reason = format!("checks of {stage}: {}", reason(&other));
@@ -97,11 +101,6 @@ pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: &[String]) -> Vec<Com
         }
     }
     lines
-}
-
-fn checked(side: Side, check: CheckReading) -> Compared {
-    let CheckReading { stage, what, unit, measured, tolerance, sound } = check;
-    Compared::Check(CheckFigure { side, stage, what, unit, measured, tolerance, sound })
 }
 
 /// Asks both sides at once: nothing is timed here.

@@ -6,9 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::adapters::AdapterRelation;
 use super::store::{Comparison, pair_sides};
 use fathom_record::ErrorFigure;
-use fathom_record::comparison::{
-    CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
-};
+use fathom_record::comparison::{CellId, ConfigurationFigures, ExactFigures, Fault, Gate, Side};
+use fathom_record::protocol::CheckReading;
 
 /// Share of the base's error by which an error must grow to count: floating-point sums in another order move
 /// errors by far less, a lower-quality setting by more.
@@ -71,9 +70,10 @@ pub fn judge(comparison: &Comparison) -> Vec<Difference> {
     for (base, head) in configurations(comparison) {
         configuration(base, head, &comparison.header.cells, &mut findings);
     }
-    let checks =
-        pair_sides(comparison.checks.iter(), |line| (line.side, (&line.stage, &line.what)));
-    findings.extend(checks.into_iter().filter_map(|(base, head)| check(base, head)));
+    let checks = pair_sides(comparison.checks.iter(), |line| {
+        (line.side, (&line.check.stage, &line.check.what))
+    });
+    findings.extend(checks.into_iter().filter_map(|(base, head)| check(&base.check, &head.check)));
     if !AdapterRelation::from_header(&comparison.header).is_judged() {
         // What another driver or device invokes more often is no change of this one.
         let counters = findings.iter_mut().filter(|other| other.kind == FigureKind::Counter);
@@ -104,8 +104,8 @@ pub fn missing(comparison: &Comparison) -> Vec<Fault> {
         faults.extend(lacking.map(|name| missing_fault(Side::Head, name, &base.configuration)));
     }
     let [base, head] = Side::BOTH.map(|side| {
-        let checks = comparison.checks.iter().filter(|check| check.side == side);
-        checks.map(|check| (&check.stage, &check.what)).collect::<BTreeSet<_>>()
+        let checks = comparison.checks.iter().filter(|line| line.side == side);
+        checks.map(|line| (&line.check.stage, &line.check.what)).collect::<BTreeSet<_>>()
     });
     let check = |side, (stage, what): &(&String, &String)| missing_fault(side, what, stage);
     // A side without any check has a fault that says why.
@@ -209,7 +209,7 @@ fn scope_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> Diffe
     }
 }
 
-fn check(base: &CheckFigure, head: &CheckFigure) -> Option<Difference> {
+fn check(base: &CheckReading, head: &CheckReading) -> Option<Difference> {
     let broken = base.sound && !head.sound;
     let least = MIN_OF_TOLERANCE * base.tolerance;
     let differs = broken || differs(base.measured, head.measured, least);

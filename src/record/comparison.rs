@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::{Display, EnumString, IntoStaticStr};
 
+use super::protocol::CheckReading;
 use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
 use fathom_base::private;
 
@@ -371,20 +372,8 @@ pub struct ExactFigures {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CheckFigure {
     pub side: Side,
-    /// The stage that was checked.
-    pub stage: String,
-    /// What was compared.
-    pub what: String,
-    /// Of `measured` and `tolerance`.
-    pub unit: String,
-    /// The error, in `unit`; null where it is no number.
-    #[serde(deserialize_with = "nan::number")]
-    #[schemars(schema_with = "nan::number_schema")]
-    pub measured: f64,
-    /// Largest error that passes, in `unit`.
-    pub tolerance: f64,
-    /// It passed and its control failed.
-    pub sound: bool,
+    #[serde(flatten)]
+    pub check: CheckReading,
 }
 
 /// Instructions of a cell's steady frames.

@@ -11,6 +11,7 @@ use fathom::record::comparison::{
     ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch, Pair,
     Side,
 };
+use fathom::record::protocol::CheckReading;
 use fathom::record::{Adapter, Work};
 use itertools::Itertools;
 
@@ -160,15 +161,15 @@ impl Stored {
 
     pub fn check(self, (stage, what): (&str, &str), base: f64, head: f64) -> Self {
         self.both(base, head, |side, measured| {
-            Compared::Check(CheckFigure {
-                side,
+            let check = CheckReading {
                 stage: stage.to_owned(),
                 what: what.to_owned(),
                 unit: "1".to_owned(),
                 measured,
                 tolerance: 0.1,
                 sound: measured <= 0.1,
-            })
+            };
+            Compared::Check(CheckFigure { side, check })
         })
     }
 

@@ -1,6 +1,6 @@
 use super::*;
 use fathom_record::Record;
-use fathom_record::comparison::Compared;
+use fathom_record::comparison::{CheckFigure, Compared};
 
 fn figures(side: Side, errors: &[(&str, f64)]) -> Compared {
     let named = |(name, error): &(&str, f64)| ((*name).to_owned(), *error);
@@ -27,15 +27,15 @@ fn judged(name: &str, value: f64) -> Option<ErrorFigure> {
 }
 
 fn check(side: Side, what: &str) -> Compared {
-    Compared::Check(CheckFigure {
-        side,
+    let check = CheckReading {
         stage: "hsao/march".to_owned(),
         what: what.to_owned(),
         unit: "1".to_owned(),
         measured: 0.0,
         tolerance: 1.0,
         sound: true,
-    })
+    };
+    Compared::Check(CheckFigure { side, check })
 }
 
 fn counters(side: Side, counters: &[(&str, u64)]) -> Compared {
