@@ -253,9 +253,8 @@ impl ObjectFile {
         if let Some(path) = assets::find(name) {
             return mesh_file::read_parts(&path, triangles);
         }
-        let (generator, params) = asset.stand_in;
-        let params = params.iter().copied().collect();
-        let mesh = generators::find(generator)?.mesh(&params, file.floor_depth_m)?;
+        let params = asset.stand_in.1.iter().copied().collect();
+        let mesh = generators::find(asset.stand_in.0)?.mesh(&params, file.floor_depth_m)?;
         stand_ins.push(asset.stand_in_note(&format!("{} triangles", mesh.triangle_count())));
         Ok(vec![mesh.into()])
     }

@@ -91,8 +91,10 @@ pub struct Generator {
     pub about: &'static str,
     pub params: Vec<ParamField>,
     pub defaults: Value,
-    build: Box<dyn Fn(&Value, f64) -> Result<Mesh, ParamError> + Send + Sync>,
+    build: BuildFn,
 }
+
+type BuildFn = Box<dyn Fn(&Value, f64) -> Result<Mesh, ParamError> + Send + Sync>;
 
 /// A generator that needs the depth of the floor below the water, metres.
 fn over_floor<P: Setting + Default + Serialize + DeserializeOwned>(
@@ -113,9 +115,7 @@ fn generator<P: Setting + Default + Serialize + DeserializeOwned + 'static>(
     over_floor(name, about, move |params, _| build(params))
 }
 
-settings! {
-    struct NoParams {}
-}
+settings! { struct NoParams {} }
 
 /// A generator without parameters.
 fn fixed(name: &'static str, about: &'static str, build: fn() -> Mesh) -> Generator {

@@ -59,7 +59,7 @@ fn vessel(p: DVec3) -> f64 {
 
 /// A trunk that winds upward, and branches around it, each with leaves at its end.
 fn grow() -> (Vec<Limb>, Vec<Cluster>) {
-    let mut dice = Dice::new(SEED.into());
+    let mut dice = Dice::new(SEED);
     let turn = dice.between(0.0, TAU);
     let sway = |t: f64| {
         let (sin, cos) = (turn + 4.0 * t).sin_cos();
