@@ -14,7 +14,7 @@ use fathom_record::{Cell, Record, RecordError, Run, RunProgress};
 const LAST_STEPS_S: f64 = 0.2;
 
 /// Reports are written no more often than this,
-const INTERVAL: Duration = Duration::from_secs(30);
+const INTERVAL: Duration = Duration::from_secs(60);
 /// and take no more than this share of the time.
 const MAX_SHARE: f64 = 0.03;
 /// What the last report takes longer than the one before: it has more cells.
