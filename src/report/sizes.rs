@@ -175,7 +175,13 @@ impl<'v> Sizes<'v> {
         let points = points.sorted_by(|a, b| a.0.total_cmp(&b.0)).collect_vec();
         let (sizes, below) = (self.columns().count(), self.columns().count() - points.len());
         let x = format!("axis:{}", self.axis).parse::<Measure>();
-        let fitted = match x.and_then(|x| scaling(y, &x, &self.cells, FIXED_SHARE)) {
+        let least = points.iter().map(|(_, y)| y.median()).fold(f64::INFINITY, f64::min);
+        // Over all sizes: claims leave those out of which the fixed part is much.
+        let fitted = match x.and_then(|x| scaling(y, &x, &self.cells, f64::INFINITY)) {
+            Ok(fit) if fit.fixed > FIXED_SHARE * least => {
+                let fixed_ms = three(fit.fixed / format::NS_PER_MS);
+                format!("{}, {fixed_ms} ms of it fixed", exponent(&fit))
+            }
             Ok(fit) => exponent(&fit),
             Err(_) if below > 0 => {
                 format!("– below the clock's resolution at {below} of {sizes} sizes")
@@ -258,6 +264,7 @@ mod tests {
             "uw-photons: times over ",
             "uw-photons: growth over ",
             "More than 10 % of the frame",
+            " ms of it fixed",
             "too few sizes with a time: 2 of 3",
             "Its values are names",
         ] {
