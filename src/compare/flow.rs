@@ -103,7 +103,7 @@ pub fn measure(
     } else {
         settings::store(&output.output.folder, &settings)?;
         store::write(&mut output, vec![Compared::Header(Box::new(header.clone()))])?;
-        Comparison::new(header)
+        Comparison { header, ..Comparison::default() }
     };
     let checks = without_checks(&greetings).is_none();
     let mut run = ComparisonRun { options, output, interrupted, waiting, before, checks };
