@@ -137,7 +137,8 @@ pub struct BisectArgs {
 
 fn parse_gate(name: &str) -> Result<Gate, String> {
     let names = || Gate::ALL.map(|gate| gate.to_string()).join(", ");
-    name.parse().map_err(|_| format!("gates are {}", names()))
+    let found = Gate::ALL.into_iter().find(|gate| gate.to_string() == name);
+    found.ok_or_else(|| format!("gates are {}", names()))
 }
 
 fn parse_share(text: &str) -> Result<f64, String> {

@@ -62,7 +62,7 @@ pub struct CompareOptions {
 
 impl CompareOptions {
     fn start(&self, side: Side) -> WorkerStart {
-        WorkerStart { name: side.into(), ..self.programs[side as usize].start.clone() }
+        WorkerStart { name: side.to_string(), ..self.programs[side as usize].start.clone() }
     }
 }
 
