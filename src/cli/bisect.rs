@@ -38,7 +38,7 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
         searched,
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
-        gpu: gpu_options(catalog, &args.adapter),
+        gpu: gpu_options(catalog, &args.answer.adapter),
         settings: GateSettings {
             launches: args.launches,
             gates: if args.gates.is_empty() { GATES.to_vec() } else { args.gates.clone() },
@@ -59,7 +59,7 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let found = found?;
-    print::answer(if args.json {
+    print::answer(if args.answer.json {
         serde_json::to_string_pretty(&found.json())?
     } else {
         found.text()

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::AdapterArgs;
+use super::{AdapterArgs, AnswerArgs};
 use crate::exporters::OF_COMPARISONS;
 use crate::record::comparison::{self, Gate, MAX_LAUNCHES, MAX_PAIRS};
 
@@ -128,11 +128,8 @@ pub struct BisectArgs {
     /// Go on with the search in the folder
     #[arg(long, requires = "out")]
     pub resume: bool,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
     #[command(flatten)]
-    pub adapter: AdapterArgs,
+    pub answer: AnswerArgs,
 }
 
 fn parse_gate(name: &str) -> Result<Gate, String> {
