@@ -28,10 +28,7 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
     let searched = searched(args)?;
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
-    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
-    if let Some(filter) = &args.cells {
-        gates.filtered(filter)?;
-    }
+    Gates::load(args.cells_file.as_deref(), catalog.gates)?.filtered(args.cells.as_deref())?;
     let options = BisectOptions {
         catalog: catalog.clone(),
         folder: std::env::current_dir().context("there is no current folder")?,

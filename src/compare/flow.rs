@@ -74,10 +74,8 @@ pub fn measure(
     report: &dyn Fn(&str),
 ) -> Result<Recording> {
     let start = Instant::now();
-    let mut gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
-    if let Some(filter) = &options.filter {
-        gates = gates.filtered(filter)?;
-    }
+    let gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
+    let mut gates = gates.filtered(options.filter.as_deref())?;
     let waiting = ReplyWait { interrupted: Some(interrupted), report };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
