@@ -84,11 +84,6 @@ impl Dir {
         if path == self.path { Err(outside(name)) } else { Ok(path) }
     }
 
-    /// A regular file has this name.
-    pub fn has_file(&self, name: impl AsRef<Path>) -> bool {
-        self.place(name.as_ref()).is_ok_and(|path| path.is_file())
-    }
-
     pub fn read(&self, name: impl AsRef<Path>) -> io::Result<File> {
         File::open(self.place(name.as_ref())?)
     }
@@ -165,7 +160,8 @@ mod tests {
         assert_eq!(folder.bytes("x", 9).unwrap(), b"one+");
         folder.make_beneath("c").unwrap();
         folder.write("c/y", b"").unwrap();
-        assert!(folder.has_file("c/y") && !folder.has_file("c") && !folder.has_file("z"));
+        assert!(folder.read("c/y").is_ok() && folder.read("c").is_err());
+        assert_eq!(folder.read("z").unwrap_err().kind(), ErrorKind::NotFound);
         folder.remove("c/y").unwrap();
         let left: Vec<_> = fs::read_dir(folder.path().join("c")).unwrap().collect();
         assert!(left.is_empty(), "{left:?}");
@@ -217,7 +213,6 @@ mod tests {
                 let message = result.unwrap_err().to_string();
                 assert!(message.contains(what), "{name}: {message}");
             }
-            assert!(!folder.has_file(name), "{name}");
         }
         assert!(folder.make_beneath("linked").is_err());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 7);

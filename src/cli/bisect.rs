@@ -28,17 +28,14 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
     let searched = searched(args)?;
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
-    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
-    if let Some(filter) = &args.cells {
-        gates.filtered(filter)?;
-    }
+    Gates::load(args.cells_file.as_deref(), catalog.gates)?.filtered(args.cells.as_deref())?;
     let options = BisectOptions {
         catalog: catalog.clone(),
         folder: std::env::current_dir().context("there is no current folder")?,
         searched,
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
-        gpu: gpu_options(catalog, &args.adapter),
+        gpu: gpu_options(catalog, &args.answer.adapter),
         settings: GateSettings {
             launches: args.launches,
             gates: if args.gates.is_empty() { GATES.to_vec() } else { args.gates.clone() },
@@ -59,7 +56,7 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let found = found?;
-    print::answer(if args.json {
+    print::answer(if args.answer.json {
         serde_json::to_string_pretty(&found.json())?
     } else {
         found.text()

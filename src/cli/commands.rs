@@ -28,7 +28,7 @@ use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::{AdapterArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs};
+use super::{AdapterArgs, AnswerArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where.
 const FIGURES_FOLDER: &str = "figures";
@@ -213,14 +213,14 @@ fn print_summary(summary: &Summary, options: &RunOptions) {
 }
 
 /// The clocks that `run` would use here.
-pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
-    let options = gpu_options(catalog, args);
+pub fn audit(catalog: &Catalog, args: &AnswerArgs) -> ExitResult {
+    let options = gpu_options(catalog, &args.adapter);
     on_one_core(&options)?;
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
     let loop_limit = gpu::measure_loop_turns(&gpu)?;
-    if json {
+    if args.json {
         let mut answer = audit_json(&of_run);
         answer["adapter"] = json!(gpu.adapter);
         answer["loop_turns"] = json!(loop_limit);
@@ -249,12 +249,12 @@ pub fn print_json(answer: &impl Serialize) -> ExitResult {
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult {
-    let options = gpu_options(catalog, args);
+pub fn ceilings(catalog: &Catalog, args: &AnswerArgs) -> ExitResult {
+    let options = gpu_options(catalog, &args.adapter);
     on_one_core(&options)?;
     let gpu = Gpu::open(&options)?;
     let answer = ceilings::measure_all(&gpu, gpu::audit_all(&gpu)?.plan)?;
-    if json {
+    if args.json {
         print_json(&answer)?;
     } else {
         print::answer(format!("{}\n{answer}", text::line(&answer.adapter)));
@@ -262,13 +262,8 @@ pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> ExitResult
     exit_code(answer.unsound.is_empty())
 }
 
-pub fn verify(
-    catalog: &Catalog,
-    filter: Option<&str>,
-    json: bool,
-    adapter: &AdapterArgs,
-) -> ExitResult {
-    let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
+pub fn verify(catalog: &Catalog, filter: Option<&str>, args: &AnswerArgs) -> ExitResult {
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let cases = catalog.cases();
     let Verified { checks, skipped } =
         verifying::verify(&gpu, &cases, filter, |ended| print::note(ended))?;
@@ -276,7 +271,7 @@ pub fn verify(
         anyhow::bail!("every check was skipped; {reason}");
     }
     let all_sound = checks.iter().all(verifying::Check::is_sound);
-    if json {
+    if args.json {
         print_json(&json!({
             "adapter": gpu.adapter, "all_sound": all_sound, "checks": checks, "skipped": skipped
         }))?;

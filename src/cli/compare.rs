@@ -74,10 +74,7 @@ fn gate_settings(args: &CompareArgs) -> GateSettings {
 fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
-    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
-    if let Some(filter) = &args.cells {
-        gates.filtered(filter)?;
-    }
+    Gates::load(args.cells_file.as_deref(), catalog.gates)?.filtered(args.cells.as_deref())?;
     let environments = [
         environment::parse(Side::Base, &args.base_env)?,
         environment::parse(Side::Head, &args.head_env)?,

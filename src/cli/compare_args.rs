@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::AdapterArgs;
+use super::{AdapterArgs, AnswerArgs};
 use crate::exporters::OF_COMPARISONS;
 use crate::record::comparison::{self, Gate, MAX_LAUNCHES, MAX_PAIRS};
 
@@ -128,16 +128,14 @@ pub struct BisectArgs {
     /// Go on with the search in the folder
     #[arg(long, requires = "out")]
     pub resume: bool,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
     #[command(flatten)]
-    pub adapter: AdapterArgs,
+    pub answer: AnswerArgs,
 }
 
 fn parse_gate(name: &str) -> Result<Gate, String> {
     let names = || Gate::ALL.map(|gate| gate.to_string()).join(", ");
-    name.parse().map_err(|_| format!("gates are {}", names()))
+    let found = Gate::ALL.into_iter().find(|gate| gate.to_string() == name);
+    found.ok_or_else(|| format!("gates are {}", names()))
 }
 
 fn parse_share(text: &str) -> Result<f64, String> {

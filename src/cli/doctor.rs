@@ -8,7 +8,7 @@ use serde_json::json;
 use strum::Display;
 
 use super::commands::{ExitResult, SOMETHING_FAILED, gpu_options, print_json};
-use super::{AdapterArgs, COULD_NOT_RUN};
+use super::{AdapterArgs, AnswerArgs, COULD_NOT_RUN};
 use crate::gpu::{self, AdapterEntry, Gpu};
 use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
@@ -58,7 +58,10 @@ impl Finding {
     }
 }
 
-pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> ExitResult {
+pub fn doctor(
+    catalog: &Catalog,
+    AnswerArgs { json: as_json, adapter: args }: &AnswerArgs,
+) -> ExitResult {
     if Gpu::choose(&gpu_options(catalog, args)).is_ok_and(|adapter| adapter.software) {
         quiet::begin_again();
     }
@@ -68,7 +71,7 @@ pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> ExitResul
     findings.extend(assets::look_up().into_iter().map(of_asset));
     findings.extend(tools());
     let worst = findings.iter().map(|finding| finding.level).max().unwrap_or(Level::Ok);
-    if as_json {
+    if *as_json {
         print_json(&json!({ "worst": worst, "adapters": adapters, "findings": findings }))?;
     } else {
         let rows: Vec<_> = findings.iter().map(Finding::row).collect();

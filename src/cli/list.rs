@@ -10,7 +10,7 @@ use super::{ListArgs, Listing};
 use crate::experiments::Experiment;
 use crate::gpu::{AdapterEntry, Gpu};
 use crate::harness::catalog::Catalog;
-use crate::harness::figures::PaperFigure;
+use crate::harness::figures::{ALL, PaperFigure};
 use crate::harness::subject::Subjects;
 use crate::parameter::{self, Allowed, ParamField};
 use crate::scene::SceneFile;
@@ -125,8 +125,11 @@ fn all_rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result
         }
         Listing::Claims => experiments(catalog)?.iter().flat_map(claims).collect(),
         Listing::Figures => {
-            let figures = PaperFigure::all(&catalog.figures)?.into_iter();
-            figures.map(|f| Row::single("id", f.id, f.title).published_in(&f.source)).collect()
+            let (figures, _) = PaperFigure::find(&catalog.figures, ALL)?;
+            figures
+                .into_iter()
+                .map(|f| Row::single("id", f.id, f.title).published_in(&f.source))
+                .collect()
         }
         Listing::Scenes => {
             let row = |name: String| -> anyhow::Result<Row> {

@@ -59,13 +59,11 @@ fn obey(catalog: &Catalog, command: Command) -> commands::ExitResult {
     match command {
         Command::Run(args) => commands::run(catalog, args),
         Command::Sweep(args) => sweep::sweep(catalog, args),
-        Command::Doctor { json, adapter } => doctor::doctor(catalog, json, &adapter),
+        Command::Doctor(args) => doctor::doctor(catalog, &args),
         Command::List(args) => list::list(catalog, &args),
-        Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
-        Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
-        Command::Verify { filter, json, adapter } => {
-            commands::verify(catalog, filter.as_deref(), json, &adapter)
-        }
+        Command::Audit(args) => commands::audit(catalog, &args),
+        Command::Ceilings(args) => commands::ceilings(catalog, &args),
+        Command::Verify { filter, args } => commands::verify(catalog, filter.as_deref(), &args),
         Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
         Command::Dump(args) => commands::dump(catalog, args),
@@ -131,40 +129,19 @@ pub enum Command {
         after_help = "Exit status: 0 the machine is ready for a run; 1 a warning says what would make its \
             times less precise; 2 no run is possible."
     )]
-    Doctor {
-        /// Print JSON
-        #[arg(long)]
-        json: bool,
-        #[command(flatten)]
-        adapter: AdapterArgs,
-    },
+    Doctor(AnswerArgs),
     /// List experiments, claims, figures, scenes, pipelines, stages, parameters, adapters or exporters
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
-    Audit {
-        /// Print JSON
-        #[arg(long)]
-        json: bool,
-        #[command(flatten)]
-        adapter: AdapterArgs,
-    },
+    Audit(AnswerArgs),
     /// Measure the adapter's own limits: bandwidth, fill, texels, atomics, arithmetic, small primitives, empty passes
-    Ceilings {
-        /// Print JSON
-        #[arg(long)]
-        json: bool,
-        #[command(flatten)]
-        adapter: AdapterArgs,
-    },
+    Ceilings(AnswerArgs),
     /// Compare every stage with its reference
     Verify {
         /// Only checks of stages whose names contain this
         filter: Option<String>,
-        /// Print JSON
-        #[arg(long)]
-        json: bool,
         #[command(flatten)]
-        adapter: AdapterArgs,
+        args: AnswerArgs,
     },
     /// Download meshes and volumes that are not part of the project, with the ordinary package clients
     Fetch {
@@ -218,6 +195,16 @@ pub enum Command {
     /// Serve a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
     Worker(AdapterArgs),
+}
+
+/// How a command that runs on an adapter answers.
+#[derive(Args)]
+pub struct AnswerArgs {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub adapter: AdapterArgs,
 }
 
 #[derive(Args)]

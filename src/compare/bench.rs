@@ -79,7 +79,7 @@ impl<'a> Processes<'a> {
         for (place, role) in roles.iter().enumerate() {
             let side = &self.sides[role.side() as usize];
             let start = WorkerStart {
-                name: role.into(),
+                name: role.to_string(),
                 clock: side.clock,
                 quiet: side.adapter.software.then(|| Quiet {
                     core: core(&self.cores, launch as usize + place),

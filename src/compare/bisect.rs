@@ -59,10 +59,8 @@ pub struct BisectOptions {
 impl BisectOptions {
     /// All that defines what is measured. How long the search may go on is no part of it.
     fn to_settings(&self, candidates: &[Candidate]) -> Result<Value> {
-        let mut gates = Gates::load(self.cells_file.as_deref(), self.catalog.gates)?;
-        if let Some(filter) = &self.filter {
-            gates = gates.filtered(filter)?;
-        }
+        let gates = Gates::load(self.cells_file.as_deref(), self.catalog.gates)?;
+        let gates = gates.filtered(self.filter.as_deref())?;
         // The commands themselves may hold secrets.
         let commands = hex::encode(Sha256::digest(serde_json::to_vec(self.searched.building())?));
         let names: Vec<&String> = candidates.iter().map(|candidate| &candidate.name).collect();

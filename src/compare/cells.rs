@@ -64,8 +64,9 @@ impl Gates {
         self.configurations.retain(|configuration| !configuration.stages.is_empty());
     }
 
-    /// Only the cells whose names contain `filter`. The control stays one of them.
-    pub fn filtered(mut self, filter: &str) -> Result<Self> {
+    /// Only the cells whose names contain `filter`, if there is one. The control stays one of them.
+    pub fn filtered(mut self, filter: Option<&str>) -> Result<Self> {
+        let Some(filter) = filter else { return Ok(self) };
         let all = self.cells();
         for configuration in &mut self.configurations {
             let id = configuration.id.clone();
@@ -162,10 +163,10 @@ mod tests {
     #[test]
     fn filters_keep_what_they_name_and_a_control() {
         let gates = Gates::load(None, Catalog::builtin().gates).unwrap();
-        let few = gates.clone().filtered("splat").unwrap();
+        let few = gates.clone().filtered(Some("splat")).unwrap();
         assert!(few.cells().iter().all(|cell| cell.stage().contains("splat")));
         assert!(few.cells().contains(&few.control));
-        let error = gates.filtered("caustics/splt").unwrap_err().to_string();
+        let error = gates.filtered(Some("caustics/splt")).unwrap_err().to_string();
         assert!(error.contains("did you mean"), "{error}");
     }
 

@@ -62,7 +62,7 @@ pub struct CompareOptions {
 
 impl CompareOptions {
     fn start(&self, side: Side) -> WorkerStart {
-        WorkerStart { name: side.into(), ..self.programs[side as usize].start.clone() }
+        WorkerStart { name: side.to_string(), ..self.programs[side as usize].start.clone() }
     }
 }
 
@@ -74,10 +74,8 @@ pub fn measure(
     report: &dyn Fn(&str),
 ) -> Result<Recording> {
     let start = Instant::now();
-    let mut gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
-    if let Some(filter) = &options.filter {
-        gates = gates.filtered(filter)?;
-    }
+    let gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
+    let mut gates = gates.filtered(options.filter.as_deref())?;
     let waiting = ReplyWait { interrupted: Some(interrupted), report };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
@@ -103,7 +101,7 @@ pub fn measure(
     } else {
         settings::store(&output.output.folder, &settings)?;
         store::write(&mut output, vec![Compared::Header(Box::new(header.clone()))])?;
-        Comparison::new(header)
+        Comparison { header, ..Comparison::default() }
     };
     let checks = without_checks(&greetings).is_none();
     let mut run = ComparisonRun { options, output, interrupted, waiting, before, checks };

@@ -118,7 +118,7 @@ impl ReplyWait<'_> {
 #[derive(Clone, Debug, Default)]
 pub struct WorkerStart {
     /// What to call the worker in messages.
-    pub name: &'static str,
+    pub name: String,
     /// A build of fathom.
     pub program: PathBuf,
     /// A command of the shell in its place: any program that speaks the worker protocol (`docs/worker-protocol.md`).
@@ -140,7 +140,7 @@ pub struct WorkerStart {
 
 impl WorkerStart {
     pub fn new(program: &Path) -> Self {
-        Self { name: "a", program: program.to_owned(), ..Self::default() }
+        Self { name: "a".to_owned(), program: program.to_owned(), ..Self::default() }
     }
 
     /// A worker that is started by a command of the shell.
@@ -170,7 +170,7 @@ impl WorkerStart {
 
 /// A running worker. Dropping it kills it and all that it has started.
 pub struct WorkerProcess {
-    name: &'static str,
+    name: String,
     tree: ProcessTree,
     /// None after the last request.
     requests: Option<ChildStdin>,
@@ -213,7 +213,7 @@ impl WorkerProcess {
         }
         let errors = tree.child.stderr.take().map(StderrReader::start);
         let (requests, request) = (tree.child.stdin.take(), RequestKind::Hello);
-        Ok(Self { name: start.name, tree, requests, replies, errors, request })
+        Ok(Self { name: start.name.clone(), tree, requests, replies, errors, request })
     }
 
     /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
@@ -251,7 +251,7 @@ impl WorkerProcess {
                 return Err(WorkerFault::Silent { request, seconds, stderr: self.last_words() });
             }
             if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
-                let (name, process, asked) = (self.name, self.tree.id(), self.request);
+                let (name, process, asked) = (&self.name, self.tree.id(), self.request);
                 let most = patience.as_secs();
                 (waiting.report)(&format!(
                     "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {most} s"

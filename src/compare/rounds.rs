@@ -17,7 +17,7 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
-use strum::{Display, IntoStaticStr};
+use strum::Display;
 
 use super::launch::WorkerFault;
 use fathom_judge::schedule::GateSchedule;
@@ -28,7 +28,7 @@ use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, Pai
 const MAX_BROKEN_LAUNCHES: u32 = 2;
 
 /// What a worker of a launch is there for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display, IntoStaticStr)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display)]
 pub enum WorkerRole {
     #[strum(to_string = "base")]
     Base,

@@ -57,6 +57,20 @@ pub fn profile(profile: Profile) -> Vec<Record> {
     records
 }
 
+/// What an experiment of a test's own begins with.
+pub const OWN: &str = r#"
+id = "own"
+title = "Own"
+source = "none"
+pipeline = "underwater"
+scene = "tank"
+"#;
+
+/// The experiment that begins with [`OWN`] and goes on so.
+pub fn own(rest: &str) -> Experiment {
+    Experiment::parse("own", &format!("{OWN}{rest}")).unwrap()
+}
+
 /// The cells of records, to change them.
 pub fn cells(records: &mut [Record]) -> impl Iterator<Item = &mut Cell> {
     records.iter_mut().filter_map(|record| match record {

@@ -4,18 +4,13 @@ use std::sync::Mutex;
 use serde_json::{Value, json};
 
 use super::*;
+use crate::fixtures::{OWN, own};
 use fathom_base::parameter;
 use fathom_pipelines as pipelines;
 use fathom_record::Profile;
 use fathom_scene::SceneFile;
 
 const SWEPT: &str = r#"
-id = "own"
-title = "Own"
-source = "none"
-pipeline = "underwater"
-scene = "tank"
-
 [params]
 a.b = 1
 "c.d" = 2.5
@@ -45,10 +40,6 @@ kind = "ratios"
 over = "caustics.grid"
 y = ["frame"]
 numerator = 10"#;
-
-fn own() -> Experiment {
-    Experiment::parse("own", SWEPT).unwrap()
-}
 
 fn message(result: Result<impl std::fmt::Debug, ExperimentError>) -> String {
     result.unwrap_err().to_string()
@@ -122,7 +113,7 @@ fn every_builtin_claim_tells_its_grounds() {
 
 #[test]
 fn sweeps_multiply_axes_and_tables_move_parameters_together() {
-    let cells = own().cells(Profile::Quick, &[], &[]).unwrap();
+    let cells = own(SWEPT).cells(Profile::Quick, &[], &[]).unwrap();
     let keys: Vec<&str> = cells.iter().map(|cell| cell.cell.as_str()).collect();
     assert_eq!(
         keys,
@@ -195,7 +186,6 @@ fn repetitions_keep_the_cell_but_for_the_place_of_its_grids() {
 
 #[test]
 fn tables_by_name_share_figures_and_set_parameters() {
-    let head = SWEPT.split("[params]").next().unwrap();
     let text = r#"
         [sweep.z]
         axis.viewport = { sets = ["view.width", "view.height"], values = [[8, 6]] }
@@ -212,7 +202,7 @@ fn tables_by_name_share_figures_and_set_parameters() {
         text = "x"
         test.at_least = { y = "fps", value = 2 }
     "#;
-    let experiment = Experiment::parse("own", &format!("{head}{text}")).unwrap();
+    let experiment = own(text);
     let cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
     let keys: Vec<&str> = cells.iter().map(|cell| cell.cell.as_str()).collect();
     assert_eq!(keys, ["z,viewport=8x6,grid=5", "z,viewport=8x6,grid=7", "a"]);
@@ -226,7 +216,7 @@ fn tables_by_name_share_figures_and_set_parameters() {
 
 #[test]
 fn wrong_names_and_values_are_told_with_the_nearest_right_one() {
-    let experiment = own();
+    let experiment = own(SWEPT);
     let cells = |axis: &str| experiment.cells(Profile::Quick, &[parse_axis(axis).unwrap()], &[]);
     let unknown = message(Experiment::load("uw-photon"));
     assert_eq!(unknown, "unknown experiment `uw-photon`; did you mean `uw-photons`?");
@@ -260,25 +250,26 @@ fn malformed_assignments_are_refused() {
 #[test]
 fn broken_files_are_told_in_one_line() {
     let filter = Experiment::builtin_text("uw-filter").unwrap();
-    let claim = |test: &str| format!("{SWEPT}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.{test}");
+    let swept = format!("{OWN}{SWEPT}");
+    let claim = |test: &str| format!("{swept}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.{test}");
     let cases = [
         ("title = \"x\"".to_owned(), "missing field"),
         (filter.replace("count = 8", "count = 7"), "8 to 100"),
         (filter.replace("caustics_bias", "caustics_noise"), "twice"),
-        (format!("{SWEPT}{RATIOS}"), "needs over, y, numerator and denominator"),
-        (SWEPT.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
-        (SWEPT.replace("title =", "colour = 1\ntitle ="), "unknown field `colour`"),
-        (SWEPT.replace("[10, 20]", "[]"), "empty list"),
-        (SWEPT.replace("paper = [100, 200, 400]\n", ""), "`quick` and `paper`"),
-        (SWEPT.replace("label = \"small\", ", ""), "must be { label"),
-        (SWEPT.replace("\"own\"", "\"Own!\""), "lower-case"),
+        (format!("{swept}{RATIOS}"), "needs over, y, numerator and denominator"),
+        (swept.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
+        (swept.replace("title =", "colour = 1\ntitle ="), "unknown field `colour`"),
+        (swept.replace("[10, 20]", "[]"), "empty list"),
+        (swept.replace("paper = [100, 200, 400]\n", ""), "`quick` and `paper`"),
+        (swept.replace("label = \"small\", ", ""), "must be { label"),
+        (swept.replace("\"own\"", "\"Own!\""), "lower-case"),
         (
             claim(r#"independent = { y = "stage:a", over = "none", tolerance = 0.1 }"#),
             "which is no axis",
         ),
         (claim(r#"at_least = { y = "speed", value = 1 }"#), "unknown measure `speed`"),
     ];
-    assert!(Experiment::parse("own", &format!("{SWEPT}{RATIOS}\ndenominator = 20")).is_ok());
+    own(&format!("{SWEPT}{RATIOS}\ndenominator = 20"));
     for (text, expected) in cases {
         let error = message(Experiment::parse("own", &text));
         assert!(error.contains(expected), "{expected}: {error}");
@@ -289,7 +280,7 @@ fn broken_files_are_told_in_one_line() {
 #[test]
 fn an_experiment_without_sweeps_is_one_cell() {
     let text = SWEPT.split("[[sweep]]").next().unwrap();
-    let cells = Experiment::parse("own", text).unwrap().cells(Profile::Paper, &[], &[]).unwrap();
+    let cells = own(text).cells(Profile::Paper, &[], &[]).unwrap();
     assert_eq!(cells.len(), 1);
     assert_eq!(cells[0].cell, "base");
     assert_eq!(cells[0].overrides[0], ("a.b".to_owned(), Value::from(1)));

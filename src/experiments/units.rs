@@ -139,18 +139,13 @@ mod tests {
     use fathom_record::{Outcome, Profile};
 
     fn units(toml: &str) -> Vec<Vec<String>> {
-        let experiment = Experiment::parse("own", toml).unwrap();
+        let experiment = fixtures::own(toml);
         let plans = experiment.cells(Profile::Quick, &[], &[]).unwrap();
         let names = |unit: Vec<usize>| unit.iter().map(|i| plans[*i].cell.clone()).collect();
         experiment.units(&plans).into_iter().map(names).collect()
     }
 
     const SWEEP: &str = r#"
-        id = "own"
-        title = "Own"
-        source = "none"
-        pipeline = "underwater"
-        scene = "tank"
         [[sweep]]
         [[sweep.axis]]
         name = "caustics.grid"
@@ -196,11 +191,6 @@ mod tests {
     }
 
     const SWEPT: &str = r#"
-id = "own"
-title = "t"
-source = "s"
-pipeline = "underwater"
-scene = "tank"
 [[sweep]]
 [sweep.axis."caustics.grid"]
 values = [10, 20, 40, 80]
@@ -213,7 +203,7 @@ where = { "caustics.grid" = 80 }
 "#;
 
     fn chains(claims: &str) -> Vec<String> {
-        let experiment = Experiment::parse("own", &format!("{SWEPT}{claims}")).unwrap();
+        let experiment = fixtures::own(&format!("{SWEPT}{claims}"));
         let plans = experiment.cells(Profile::Quick, &[], &[]).unwrap();
         let outcome = Outcome::Skipped { reason: String::new() };
         let mut records = plans.iter().map(|plan| cell(plan, outcome.clone())).collect_vec();

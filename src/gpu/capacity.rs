@@ -59,19 +59,18 @@ impl Capacity {
 
     /// Fails where a demand exceeds it, with the numbers and what to do.
     pub fn check(&self, demand: &Demand) -> Result<(), String> {
-        self.check_sizes(demand)?;
-        self.check_time(demand, "a frame")
+        self.check_step(demand, "a frame")
     }
 
     /// The same for making a scene.
     pub fn check_scene(&self, demand: &Demand) -> Result<(), String> {
-        self.check_sizes(demand)?;
-        self.check_time(demand, "making the scene")
+        self.check_step(demand, "making the scene")
     }
 
-    fn check_sizes(&self, demand: &Demand) -> Result<(), String> {
+    fn check_step(&self, demand: &Demand, step: &str) -> Result<(), String> {
         demand.check(&self.limits)?;
-        self.check_memory(demand)
+        self.check_memory(demand)?;
+        self.check_time(demand, step)
     }
 
     fn check_memory(&self, demand: &Demand) -> Result<(), String> {

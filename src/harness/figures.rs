@@ -18,7 +18,7 @@ use fathom_experiments::schema::one_line;
 use fathom_gpu::Gpu;
 
 /// The name that stands for every figure.
-const ALL: &str = "all";
+pub const ALL: &str = "all";
 /// Samples of a pixel where a panel and the command line say nothing.
 const SAMPLES: u32 = 4;
 
@@ -127,11 +127,6 @@ impl PaperFigure {
             bail!("unknown figure `{id}`{meant}");
         };
         Self::parse(id, &text).map_err(|message| anyhow!("figure `{id}`: {message}"))
-    }
-
-    /// Every figure.
-    pub fn all(folders: &Folders) -> Result<Vec<Self>> {
-        Self::find(folders, ALL).map(|(figures, _)| figures)
     }
 
     /// The figure of this id, those of a paper (`uw`), or all of them; and whether the name stands for several.

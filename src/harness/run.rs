@@ -327,14 +327,11 @@ fn header(options: &RunOptions, gpu: &Gpu, audit: &Audit, profile: Profile, seed
             ..gpu.adapter.clone()
         },
         conditions: Conditions::detect(),
-        clocks: record::Clocks::new(),
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
         submit_cost_ns: PassKind::TIMED.map(|kind| (kind, audit.plan.submit_cost.ns(kind))).into(),
-        loop_turns: None,
-        ceilings: Vec::new(),
-        shard: None,
         notes: of_adapter.chain([Note::new(NoteKind::Order, order)]).collect(),
+        ..Run::default()
     }
 }
 

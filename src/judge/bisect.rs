@@ -137,11 +137,6 @@ impl Search {
         seen
     }
 
-    /// That revisions 1 … n are the first with the step.
-    pub fn probabilities(&self) -> Vec<f64> {
-        self.steps().into_iter().map(|step| step.mass).collect()
-    }
-
     /// For revisions 1 … n: the probability that it is the first with the step, and the step if it is.
     fn steps(&self) -> Vec<StepMass> {
         let (_, known) = self.launches_by_t();

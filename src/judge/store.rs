@@ -44,11 +44,6 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Nothing measured yet.
-    pub fn new(header: ComparisonHeader) -> Self {
-        Self { header, ..Self::default() }
-    }
-
     pub fn read(folder: &Path) -> anyhow::Result<Self> {
         let path = folder.join(RECORDS);
         if !folder::is_there(&record::stored(&path)) {

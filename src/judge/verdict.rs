@@ -1,6 +1,6 @@
 //! From what was measured to what is concluded: a function of the stored lines alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
 use strum::{Display, EnumIter};
@@ -318,6 +318,6 @@ fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
 
 /// Faults with each reason once: a resumed comparison may meet the same one again.
 fn unique<'a>(faults: impl Iterator<Item = &'a Fault>) -> Vec<Fault> {
-    let once = faults.unique_by(|fault| (fault.gate, fault.side, &fault.reason));
-    once.cloned().collect()
+    let mut met = BTreeSet::new();
+    faults.filter(|fault| met.insert((fault.gate, fault.side, &fault.reason))).cloned().collect()
 }

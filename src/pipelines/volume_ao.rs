@@ -19,7 +19,7 @@ use fathom_stages::kit::Resources;
 use fathom_stages::marching::Marching;
 use fathom_stages::voxels::Voxels;
 
-pub use measure::{occlusion_at, point_query};
+pub use measure::occlusion_at;
 pub use parameters::Params;
 
 /// Voxelization, rays marched through the volumes, filter, composition.

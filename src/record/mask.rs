@@ -9,17 +9,7 @@ use strum::{Display, EnumIter, EnumString};
 
 /// A feature that fathom uses where an adapter has it. Names are those of WebGPU, and of wgpu where WebGPU has none.
 #[derive(
-    Clone,
-    Copy,
-    Debug,
-    PartialEq,
-    Eq,
-    Display,
-    EnumIter,
-    EnumString,
-    Serialize,
-    Deserialize,
-    JsonSchema,
+    Clone, Copy, Debug, PartialEq, Display, EnumIter, EnumString, Serialize, Deserialize, JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]

@@ -12,9 +12,7 @@ pub const MAX_SHARDS: u32 = 1 << 10;
 const ROUND_BITS: u32 = 22;
 
 /// Which part, such as `3/8`: the third of eight.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Part {
     /// Which one, from 1.
     #[schemars(range(min = 1, max = MAX_SHARDS))]

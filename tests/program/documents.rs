@@ -9,7 +9,7 @@ use clap::error::ErrorKind;
 use fathom::process::{self, Limits, ProcessError};
 use itertools::Itertools;
 
-use super::common::Place;
+use super::common::{Ends, Place, git};
 
 /// A command line of fathom.
 struct CommandLine {
@@ -152,9 +152,8 @@ fn command_lines_that_documents_show_are_understood() {
 fn command_lines_that_documents_show_run() {
     let seconds = std::env::var("FATHOM_DOCUMENT_SECONDS").map_or(20, |text| text.parse().unwrap());
     let place = Place::new();
-    let mut git = Command::new("git");
-    git.args(["clone", "--quiet", env!("CARGO_MANIFEST_DIR")]).arg(place.path("clone"));
-    assert!(git.status().unwrap().success());
+    let clone = ["clone", "--quiet", env!("CARGO_MANIFEST_DIR"), "clone"];
+    git(place.path("")).args(clone).ends(0);
     let lacks = [
         "No such file",
         "cannot find",

@@ -142,7 +142,7 @@ fn experiment(path: &Path) -> ReadResult {
 
 fn gates_file(path: &Path) -> ReadResult {
     let gates = with_text(Gates::load(Some(path), ("", "")))?;
-    with_text(gates.filtered("caustics")).map(drop)
+    with_text(gates.filtered(Some("caustics"))).map(drop)
 }
 
 fn run(path: &Path) -> ReadResult {

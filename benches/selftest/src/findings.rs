@@ -88,7 +88,7 @@ mod tests {
         let settings = GateSettings { gates: vec![Gate::Time], ..GateSettings::default() };
         let header =
             ComparisonHeader { settings, cells: cells.to_vec(), ..ComparisonHeader::default() };
-        let mut comparison = Comparison::new(header);
+        let mut comparison = Comparison { header, ..Comparison::default() };
         let measured = [(0, true, 1.0), (0, false, trace), (1, false, compose)];
         for launch in 0..10 {
             comparison.launches.push(Launch { launch, ..Launch::default() });

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::Verdict::{Contradicted, Inconclusive, NearBound, NotRun, Supported};
 use super::*;
-use crate::fixtures::{noisy, timed};
+use crate::fixtures::{OWN, noisy, own, timed};
 use fathom_base::statistics;
 use fathom_record::{Clock, Fenced, FrameRecord, Measured, Note, Outcome, Work};
 
@@ -42,12 +42,7 @@ fn but(place: usize, n: f64, ms: f64, mut cells: Vec<Cell>) -> Vec<Cell> {
 }
 
 /// What claims are added to.
-const EXPERIMENT: &str = r#"
-id = "e"
-title = "t"
-source = "s"
-pipeline = "p"
-scene = "tank"
+const SWEPT: &str = r#"
 [[sweep]]
 [[sweep.axis]]
 name = "n"
@@ -56,8 +51,7 @@ values = [1]
 
 fn ruled(test: &str, cells: &[Cell], software: bool) -> (Verdict, String) {
     let claim = format!("[[claim]]\nid = \"c\"\ntext = \"x\"\ntest.{test}");
-    let text = EXPERIMENT.to_owned() + &claim;
-    let experiment = Experiment::parse("e", &text).unwrap();
+    let experiment = own(&format!("{SWEPT}{claim}"));
     let cells: Vec<&Cell> = cells.iter().collect();
     let ruling = experiment.rulings(&cells, software).remove(0);
     (ruling.verdict, ruling.reason)
@@ -583,8 +577,7 @@ fn unsettled_cells_are_those_whose_samples_could_settle_a_claim() {
         text = "x"
         test.slope = { y = "quantity:error", x = "axis:n", over = "n", expected = 1.0, tolerance = 0.01 }
         "#;
-    let text = EXPERIMENT.to_owned() + claims;
-    let experiment = Experiment::parse("e", &text).unwrap();
+    let experiment = own(&format!("{SWEPT}{claims}"));
     let mut cells = drifting(&[1.0, 2.0, 3.0], 16, |n| if n > 2.0 { 3.0 } else { 1.0 }, 0.02, 9);
     for (cell, error) in cells.iter_mut().zip([1.0, 2.02, 3.0]) {
         cell.cell = format!("n={}", cell.axes["n"]);
@@ -637,7 +630,7 @@ fn published(params: [Value; 2]) -> Vec<Ruling> {
 
 /// The same with one more claim.
 fn published_with(claim: &str, params: [Value; 2]) -> Vec<Ruling> {
-    let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + PUBLISHED + claim)).unwrap();
+    let experiment = own(&format!("{SWEPT}{PUBLISHED}{claim}"));
     let mut cells = swept(&[1.0, 2.0], |n| 2.0 * n);
     for (cell, params) in cells.iter_mut().zip(params) {
         cell.params = params.into();
@@ -709,7 +702,7 @@ fn a_balance_is_published_or_free_for_a_reason() {
     for wrong in ["free", "free:", "free: ", "any", "published: yes"] {
         assert!(parse(wrong).is_err(), "{wrong}");
     }
-    let without = EXPERIMENT.to_owned()
+    let without = OWN.to_owned()
         + r#"
         [[claim]]
         id = "c"
@@ -717,7 +710,9 @@ fn a_balance_is_published_or_free_for_a_reason() {
         balance = "published"
         test.at_least = { y = "fps", value = 1.0 }
         "#;
-    assert!(Experiment::parse("e", &without).unwrap_err().to_string().contains("published sizes"));
+    assert!(
+        Experiment::parse("own", &without).unwrap_err().to_string().contains("published sizes")
+    );
 }
 
 #[test]
@@ -726,7 +721,7 @@ fn a_contradicted_claim_tells_its_cause() {
         let claim = format!(
             "[[claim]]\nid = \"c\"\ntext = \"x\"\ncause = {cause}\ntest.at_least = {{ y = \"quantity:error\", value = {low:?} }}"
         );
-        let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + &claim)).unwrap();
+        let experiment = own(&format!("{SWEPT}{claim}"));
         let cells = swept(&[1.0], |_| 3.0);
         let cells: Vec<&Cell> = cells.iter().collect();
         experiment.rulings(&cells, software).remove(0).reason

@@ -121,7 +121,7 @@ fn comparison(launches: u32, pairs: Vec<Pair>) -> Comparison {
     let header = ComparisonHeader { cells: cells(), settings, ..ComparisonHeader::default() };
     let launch = |launch| Launch { launch, ..Launch::default() };
     let launches = (0..launches).map(launch).collect();
-    Comparison { pairs, launches, ..Comparison::new(header) }
+    Comparison { header, pairs, launches, ..Comparison::default() }
 }
 
 fn settings() -> GateSettings {

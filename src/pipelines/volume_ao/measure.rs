@@ -9,7 +9,7 @@ use fathom_scene::Scene;
 use fathom_stages::ao::march;
 use fathom_stages::ao::query::{self, SurfacePoint};
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::{Buffer, Resources, When};
+use fathom_stages::kit::{Resources, When};
 use std::collections::BTreeMap;
 
 impl PipelineInstance for VolumeAo {
@@ -59,28 +59,10 @@ impl PipelineInstance for VolumeAo {
     }
 }
 
-/// Pushes what asking for the occlusion at points makes: volumes, and the query over them. By the pipeline's settings for volumes and
-/// rays; what concerns the picture plays no part. One point at least. It leaves the visibility of each.
+/// A at points of a scene, one at least: by the pipeline's settings for volumes and rays; what concerns the picture plays no part.
 ///
 /// # Errors
 /// What the GPU reports, and a scene or settings that give no grid.
-pub fn point_query(
-    resources: &Resources<'_>,
-    scene: &Scene,
-    params: &Params,
-    points: &[SurfacePoint],
-) -> Result<Buffer, GpuError> {
-    scene.needs_objects(VolumeAo::NAME).map_err(GpuError::Unusable)?;
-    let geometry = Geometry::new(resources, scene);
-    let volumes = voxelize(resources, &geometry, scene, params, Update::Once)?;
-    let query = query::new(resources, &volumes, points, &params.marching(scene))?;
-    Ok(resources.push_as(query, When::Once))
-}
-
-/// A at points of a scene: see [`point_query`].
-///
-/// # Errors
-/// As there.
 pub fn occlusion_at(
     gpu: &Gpu,
     scene: &Scene,
@@ -88,7 +70,11 @@ pub fn occlusion_at(
     points: &[SurfacePoint],
 ) -> Result<Vec<f32>, GpuError> {
     let resources = Resources::new(gpu);
-    let visibility = point_query(&resources, scene, params, points)?;
+    scene.needs_objects(VolumeAo::NAME).map_err(GpuError::Unusable)?;
+    let geometry = Geometry::new(&resources, scene);
+    let volumes = voxelize(&resources, &geometry, scene, params, Update::Once)?;
+    let query = query::new(&resources, &volumes, points, &params.marching(scene))?;
+    let visibility = resources.push_as(query, When::Once);
     resources.into_parts().run_once(gpu)?;
     let visibility: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &visibility)?);
     Ok(visibility.iter().map(|v| 1.0 - v).collect())

@@ -418,11 +418,6 @@ mod tests {
     }
 
     const CATEGORIES: &str = r#"
-        id = "own"
-        title = "Own"
-        source = "none"
-        pipeline = "underwater"
-        scene = "tank"
         [[sweep]]
         [[sweep.axis]]
         name = "OVER"
@@ -436,11 +431,6 @@ mod tests {
     "#;
 
     const MAPPED: &str = r#"
-        id = "own"
-        title = "Own"
-        source = "none"
-        pipeline = "underwater"
-        scene = "tank"
         [[sweep]]
         [[sweep.axis]]
         name = "caustics.grid"
@@ -470,11 +460,11 @@ mod tests {
 
     /// Records of an experiment whose error is the number of the cell.
     fn records_of(toml: &str, change: impl Fn(&mut Vec<Record>)) -> Vec<Record> {
-        let experiment = Experiment::parse("own", toml).unwrap();
+        let experiment = fixtures::own(toml);
         let mut random = rand::SeedableRng::seed_from_u64(1);
         let mut records = vec![
             Record::Run(Box::new(fixtures::header(Profile::Quick))),
-            Record::Experiment(Definition { id: "own".to_owned(), toml: toml.to_owned() }),
+            Record::Experiment(Definition { id: "own".to_owned(), toml: experiment.text.clone() }),
         ];
         for (number, plan) in (0..).zip(experiment.cells(Profile::Quick, &[], &[]).unwrap()) {
             let mut measured = fixtures::measure(&experiment, &plan, &mut random);
@@ -521,7 +511,7 @@ mod tests {
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
         let records = mapped();
         let view = Report::new(&records, None);
-        let experiment = Experiment::parse("own", MAPPED).unwrap();
+        let experiment = fixtures::own(MAPPED);
         let (cells, colors) = (view.sections[0].cells(), &view.colors);
         let input = PlotInput { experiment: &experiment, cells, colors, software: true };
         let plot = &experiment.plot[1];

@@ -28,12 +28,6 @@ fn add(folder: &str, commit: &str) -> String {
     format!("add {folder} --commit {commit} --branch main --machine m")
 }
 
-/// Writes a folder's records.
-fn write(folder: &Path, records: &str) {
-    std::fs::create_dir_all(folder).unwrap();
-    std::fs::write(folder.join("records.jsonl"), records).unwrap();
-}
-
 /// Names of the stored runs, in their order.
 fn runs(folder: &Path, db: &str) -> Vec<String> {
     let listed = history(folder, db, "list").answer();
@@ -52,8 +46,8 @@ fn runs_are_kept_once_in_the_order_of_their_commits() {
     let here = &repository.folder;
     let history = |words: &str| history(here, db, words);
     let records = [records(1, CELLS, 5e6), records(2, CELLS, 5e6)];
-    write(&place.path("first"), &records[0]);
-    write(&place.path("second"), &records[1]);
+    place.write("first/records.jsonl", &records[0]);
+    place.write("second/records.jsonl", &records[1]);
     // The later commit first: the order is that of the commits.
     let output = history("add ../second --machine m").answer();
     let figures = CELLS * FIGURES_OF_A_CELL;
@@ -78,19 +72,19 @@ fn machines_are_told_apart() {
     let (place, db) = (Place::new(), "../history.sqlite");
     let repository = Repository::new(place.path("machines"), 3);
     let here = &repository.folder;
-    let run = here.join("run");
+    let run = "machines/run/records.jsonl";
     let nights = [["n1", "n2"], ["n1", "n2"], ["n2", "n1"]];
     let series = || changes(here, db)["too_short"].as_u64().unwrap() as usize / FIGURES_OF_A_CELL;
     let mut counted = Vec::new();
     for (night, (hosts, commit)) in nights.iter().zip(&repository.commits).enumerate() {
-        write(&run, &made::merged(night, hosts));
+        place.write(run, made::merged(night, hosts));
         history(here, db, format!("add run --commit {commit}")).ends(0);
         counted.push(series());
     }
     assert_eq!(counted, [2, 2, 4]);
     holds(&history(here, db, "list").answer(), &[" n1, n2 ", " n2, n1 "]);
     // What was said goes before what the records name.
-    write(&run, &made::merged(nights.len(), &["n3", "n4"]));
+    place.write(run, made::merged(nights.len(), &["n3", "n4"]));
     history(here, db, "add run --machine farm").ends(0);
     assert_eq!(series(), 6);
     holds(&history(here, db, "list").answer(), &[" farm "]);
@@ -103,7 +97,7 @@ fn the_commits_of_a_change_are_named() {
     let Repository { folder: here, commits } = &Repository::new(place.path("days"), 40);
     for (day, commit) in commits.iter().enumerate() {
         let ns = if day >= 25 { 5.5e6 } else { 5e6 };
-        write(&here.join("run"), &records(day, CELLS, ns));
+        place.write("days/run/records.jsonl", records(day, CELLS, ns));
         history(here, db, add("run", commit)).ends(0);
     }
     let output = changes(here, db);
@@ -145,7 +139,7 @@ fn a_full_disk_leaves_no_half_run() {
     let place = Place::new();
     let (folder, db) = (place.path(""), "history.sqlite");
     let adding = |records: &str| {
-        write(&folder.join("run"), records);
+        place.write("run/records.jsonl", records);
         history(&folder, db, add("run", "c0ffee"))
     };
     let bytes = || std::fs::metadata(place.path(db)).unwrap().len() as f64;
@@ -182,7 +176,7 @@ fn figures(path: &Path) -> Vec<(i64, i64)> {
 /// Where the tests below keep a history, and a run of few cells.
 fn sqlite() -> (Place, impl Fn(&str) -> Command) {
     let place = Place::new();
-    write(&place.path("run"), &records(1, CELLS, 5e6));
+    place.write("run/records.jsonl", records(1, CELLS, 5e6));
     let folder = place.path("");
     (place, move |words| history(&folder, "history.sqlite", words))
 }
@@ -199,7 +193,7 @@ fn damaged_runs_are_named_and_not_stored() {
         ("headless", lines[1..].join("\n"), "does not begin with a run's header"),
         ("between", [lines[0], "{\"record\":", lines[1], ""].join("\n"), "line 2"),
     ] {
-        write(&place.path(name), &records);
+        place.write(format!("{name}/records.jsonl"), records);
         let both = format!("add run {name} --commit c0ffee --branch b");
         holds(&history(&both).refused(reason), &[name]);
     }
@@ -259,7 +253,8 @@ fn what_the_limits_of_the_adapter_share_is_drift_of_the_machine() {
         let slower = if night < 12 { 1.0 } else { 1.1 };
         let own = if night < 12 { 1.0 } else { 1.5 };
         let rate = 1e10 / slower * (1.0 + 1e-3 * (night % 5) as f64);
-        write(&place.path("run"), &with_limit(&records(night, CELLS, 5e6 * slower * own), rate));
+        let records = records(night, CELLS, 5e6 * slower * own);
+        place.write("run/records.jsonl", with_limit(&records, rate));
         history(&add("run", &format!("{night:040}"))).ends(0);
     }
     let of = |told: &Value, cell: &str| -> Vec<Value> {
