@@ -165,7 +165,7 @@ fn lit(rig: &Rig<'_>, fixture: &Fixture, caster: &Geometry, exposure: f64) -> Re
         shadow: light.texture(),
     };
     let stage = compose::new(rig, &fixture.shared, &lit, false)?;
-    Ok(rig.draw(&[&light, &stage], stage.texture(), 0)?)
+    rig.draw(&[&light, &stage], stage.texture(), 0)
 }
 
 /// No plane lies in its own shadow. One as far above it as two texels of the map are wide lays a shadow on it.
