@@ -13,12 +13,12 @@ use super::{Errors, Judge, JudgeError, Pipeline, PipelineInstance, to_map};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
+use fathom_stages::Stage;
 use fathom_stages::kit::{self, Resources};
-use fathom_stages::ray_cast::{self, Cast};
+use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar;
 use fathom_stages::scalar_field::ScalarField;
 use fathom_stages::uniforms::Shared;
-use fathom_stages::{Stage, StageInfo};
 
 pub use parameters::{Gather, Law, Mode, Params, Scalar, Stop};
 
@@ -126,15 +126,12 @@ pub fn cast(
     r_max_m: f64,
 ) -> Result<Stage<Cast>, GpuError> {
     let march = &settings.uniforms(size_px, through.1.voxel_m, r_max_m);
-    let medium = |info: &'static StageInfo| {
-        let beer = settings.law == Law::Beer;
-        ray_cast::medium(resources, info, through, march, beer, settings.rejection)
-    };
+    let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
     match settings.mode {
         Mode::Isosurface => {
             scalar::isosurface::new(resources, through, march, settings.surface_rays())
         }
-        Mode::Direct => medium(&scalar::direct::INFO),
-        Mode::Positional => medium(&scalar::positional::INFO),
+        Mode::Direct => scalar::direct::new(resources, through, march, beer, rejection),
+        Mode::Positional => scalar::positional::new(resources, through, march, beer, rejection),
     }
 }

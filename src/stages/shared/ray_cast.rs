@@ -106,19 +106,6 @@ pub(crate) fn new(
     Ok(stage.dumps(outputs(&cast)).with_output(cast))
 }
 
-/// The stage `info` casts through a medium. `beer`: values are densities (VAO Eq. 5), else opacities (Eq. 7). `rejection`: Eq. 4.
-pub fn medium(
-    resources: &Resources<'_>,
-    info: &'static StageInfo,
-    through: (&Shared, &ScalarField),
-    settings: &CastUniforms,
-    beer: bool,
-    rejection: bool,
-) -> Result<Stage<Cast>, GpuError> {
-    let defs = [("BEER", beer), ("REJECTION", rejection)];
-    new(resources, info, through, &defs, false, settings)
-}
-
 /// The passes over the steps of view rays: one for an isosurface, where the rays of one point follow the steps. In a medium each
 /// step may take the rays of a point.
 fn passes(
