@@ -58,20 +58,17 @@ impl Finding {
     }
 }
 
-pub fn doctor(
-    catalog: &Catalog,
-    AnswerArgs { json: as_json, adapter: args }: &AnswerArgs,
-) -> ExitResult {
-    if Gpu::choose(&gpu_options(catalog, args)).is_ok_and(|adapter| adapter.software) {
+pub fn doctor(catalog: &Catalog, args: &AnswerArgs) -> ExitResult {
+    if Gpu::choose(&gpu_options(catalog, &args.adapter)).is_ok_and(|adapter| adapter.software) {
         quiet::begin_again();
     }
-    let mut findings = audited(catalog, args).unwrap_or_else(|error| vec![no_run(&error)]);
+    let mut findings = audited(catalog, &args.adapter).unwrap_or_else(|error| vec![no_run(&error)]);
     let adapters = Gpu::list();
     findings.extend(adapters.iter().filter_map(unusable));
     findings.extend(assets::look_up().into_iter().map(of_asset));
     findings.extend(tools());
     let worst = findings.iter().map(|finding| finding.level).max().unwrap_or(Level::Ok);
-    if *as_json {
+    if args.json {
         print_json(&json!({ "worst": worst, "adapters": adapters, "findings": findings }))?;
     } else {
         let rows: Vec<_> = findings.iter().map(Finding::row).collect();
