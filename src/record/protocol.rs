@@ -221,17 +221,17 @@ pub struct ExactStage {
 /// A stage's error on a small case.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CheckReading {
-    /// The stage that is checked.
+    /// The stage that was checked.
     pub stage: String,
-    /// What of it.
+    /// What was compared.
     pub what: String,
     /// Of `measured` and `tolerance`.
     pub unit: String,
-    /// The error.
+    /// The error, in `unit`; null where it is no number.
     #[serde(deserialize_with = "nan::number")]
     #[schemars(schema_with = "nan::number_schema")]
     pub measured: f64,
-    /// The largest error that passes.
+    /// Largest error that passes, in `unit`.
     pub tolerance: f64,
     /// It passed and its control failed.
     pub sound: bool,
