@@ -72,17 +72,21 @@ pub fn listing() -> Vec<[String; 5]> {
     of_runs.chain(of_comparisons).collect()
 }
 
-/// Writes the files of a folder's records beside them, with `png` plots as PNG too. Gives their paths. A run's link the pictures that lie there.
-pub fn write(folder: &Path, reading: RecordFile, png: bool) -> anyhow::Result<Vec<PathBuf>> {
+/// Writes the files of a folder's records beside them, plots as PNG too where a rasterizer is given. Gives their paths. A run's link the pictures that lie there.
+pub fn write(
+    folder: &Path,
+    reading: RecordFile,
+    png: Option<&Rasterizer>,
+) -> anyhow::Result<Vec<PathBuf>> {
     if holds_comparison(&reading.records) {
-        ensure!(!png, "a comparison has no plots for --png");
+        ensure!(png.is_none(), "a comparison has no plots for --png");
         let comparison = Comparison::from_reading(reading, &folder.join(RECORDS))?;
         return write_artifacts(folder, comparison_files(&Verdicts::judge(&comparison)));
     }
     let left_out =
         SkippedInput::lines(&folder.join(RECORDS), &reading.damaged).into_iter().collect();
     let view = Report { left_out, ..Report::new(&reading.records, Some(folder)) };
-    let pngs = if png { Rasterizer::new()?.pictures(&view)? } else { Vec::new() };
+    let pngs = png.map(|png| png.pictures(&view)).transpose()?.unwrap_or_default();
     Ok([write_view(folder, &view)?, write_artifacts(folder, pngs)?].concat())
 }
 

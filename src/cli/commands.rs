@@ -20,6 +20,7 @@ use crate::harness::{ceilings, dump as dumping, picture, sheet, verify as verify
 use crate::record::command::{CELL_OPTIONS, split_options};
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, FolderLock, OutcomeCounts, PassKind, Record, RecordFile, RunProgress};
+use crate::report::charts::png::Rasterizer;
 use crate::report::{self, Artifact, Report};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, print, private, quiet, record, text};
@@ -79,7 +80,8 @@ fn on_one_core(options: &gpu::Options) -> anyhow::Result<()> {
 
 /// Measures what is asked for, writes records and reports, and prints what came out in short: of sweeps their tables.
 pub fn measure(png: bool, options: &RunOptions, start: Instant) -> ExitResult {
-    let _has_fonts = png.then(report::charts::png::Rasterizer::new).transpose()?;
+    // A system without fonts is told before minutes are measured.
+    let png = png.then(Rasterizer::new).transpose()?;
     let mut has_tables = false;
     let mut report = |folder: &Path, records: &[Record], standing: RunProgress| {
         let view = Report { standing: Some(standing), ..Report::new(records, Some(folder)) };
@@ -97,7 +99,7 @@ pub fn measure(png: bool, options: &RunOptions, start: Instant) -> ExitResult {
     let in_short = report::terminal_summary(&view);
     print_sizes(&view);
     drop(view);
-    let files = exporters::write(&output.folder, reading, png)?;
+    let files = exporters::write(&output.folder, reading, png.as_ref())?;
     in_short.iter().for_each(print::status);
     print_summary(&summary, options);
     print_pages(&files);
@@ -390,7 +392,8 @@ fn report_of(folder: &Path, png: bool) -> anyhow::Result<Vec<PathBuf>> {
     let output = OutputFolder { folder: folder.to_owned() };
     let reading = sound(&output, "a run's folder holds its records in")?;
     let _lock = FolderLock::take(folder)?;
-    exporters::write(&output.folder, reading, png)
+    let png = png.then(Rasterizer::new).transpose()?;
+    exporters::write(&output.folder, reading, png.as_ref())
 }
 
 pub fn worker(catalog: &Catalog, args: AdapterArgs) -> ExitResult {

@@ -134,8 +134,8 @@ pub struct BisectArgs {
 
 fn parse_gate(name: &str) -> Result<Gate, String> {
     let names = || Gate::ALL.map(|gate| gate.to_string()).join(", ");
-    let found = Gate::ALL.into_iter().find(|gate| gate.to_string() == name);
-    found.ok_or_else(|| format!("gates are {}", names()))
+    let gate = Gate::ALL.into_iter().find(|gate| gate.to_string() == name);
+    gate.ok_or_else(|| format!("gates are {}", names()))
 }
 
 fn parse_share(text: &str) -> Result<f64, String> {

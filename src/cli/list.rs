@@ -126,10 +126,8 @@ fn all_rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result
         Listing::Claims => experiments(catalog)?.iter().flat_map(claims).collect(),
         Listing::Figures => {
             let (figures, _) = PaperFigure::find(&catalog.figures, ALL)?;
-            figures
-                .into_iter()
-                .map(|f| Row::single("id", f.id, f.title).published_in(&f.source))
-                .collect()
+            let row = |f: PaperFigure| Row::single("id", f.id, f.title).published_in(&f.source);
+            figures.into_iter().map(row).collect()
         }
         Listing::Scenes => {
             let row = |name: String| -> anyhow::Result<Row> {

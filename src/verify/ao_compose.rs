@@ -60,8 +60,9 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     }
     let behind = LIT.composed(rig, &view, 1.0, true)?;
     // The greys of the shader, below and above.
+    let rays = rig::rays(&view);
     let background = |low: f64, high: f64| {
-        let grey = |x, y| low + (high - low) * 0.5 * (1.0 + rig::rays(&view).ray(x, y).1.y);
+        let grey = |x, y| low + (high - low) * 0.5 * (1.0 + rays.ray(x, y).1.y);
         largest(pixels(SIZE).map(|(x, y)| (behind.get((x, y)) - grey(x, y)).abs()))
     };
     checks.push(
@@ -180,9 +181,9 @@ fn unshaded(rig: &Rig<'_>) -> Result<Check> {
     let above = Geometry::new(rig, &scene);
     let dark = |caster| -> Result<f64> {
         let shown = lit(rig, &fixture, caster, 0.3)?;
-        let seen = pixels(SIZE).filter(|at| fixture.hit(*at).is_some()).map(|at| shown.get(at));
-        let brightest = largest(seen.clone());
-        Ok(share(seen.map(|shown| shown < 0.99 * brightest)))
+        let plane = pixels(SIZE).filter(|at| fixture.hit(*at).is_some()).map(|at| shown.get(at));
+        let brightest = largest(plane.clone());
+        Ok(share(plane.map(|shown| shown < 0.99 * brightest)))
     };
     Ok(Check::new(rig, "share of pixels in shadow")
         .within((0.0, "1"), dark(&fixture.geometry)?)

@@ -164,13 +164,13 @@ fn narrow_view(gamma_per_m: f64) -> Result<View> {
 
 /// What a white wall sends of the sky's light has come down to it, and on to the viewer.
 fn sky(rig: &Rig<'_>) -> Result<Check> {
-    let seen = |gamma_per_m: f64| -> Result<f64> {
+    let sent = |gamma_per_m: f64| -> Result<f64> {
         let view = narrow_view(gamma_per_m)?;
         let white = Buffers::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 2.0);
         let black = Buffers { albedo: 0.0, ..white.clone() };
         Ok(black.brightened(white, rig, &view)?.mean())
     };
-    let left = seen(GAMMA_PER_M)? / seen(0.0)?;
+    let left = sent(GAMMA_PER_M)? / sent(0.0)?;
     let error = |way_m: f64| relative_error(left, transmittance(GAMMA_PER_M, way_m));
     Ok(Check::new(rig, "share that 2 m down and 4 m across leave: relative error")
         .within((0.02, "1"), error(DEPTH_M + WALL_M))

@@ -10,9 +10,14 @@ const SIZE: [u32; 2] = [160, 120];
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(draw::INFO.name, "energy on a slanted plane", energy),
-        Case::new(draw::INFO.name, "Eq. 1 pixel by pixel", sprite_shape),
+        Case::new(draw::INFO.name, "Eq. 1 pixel by pixel", |rig| {
+            shape(rig, &SpriteScene::new(rig)?)
+        }),
         Case::new(draw::INFO.name, "in the screen's plane, pixel by pixel", facing_shape),
-        Case::new(draw::INFO.name, "Eq. 1 at the edges of a wide view", at_edges),
+        // There a sprite covers more of the picture than in the middle.
+        Case::new(draw::INFO.name, "Eq. 1 at the edges of a wide view", |rig| {
+            shape(rig, &SpriteScene::strewn(rig, [[0.02, 0.98], [0.9, 0.98]], 100.0)?)
+        }),
         Case::new(draw::INFO.name, "behind a wall", hidden),
         Case::new(compose::INFO.name, "light of sprites", composed),
     ]
@@ -120,15 +125,6 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
 }
 
 /// Each pixel against Eq. 1 evaluated in f64.
-fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
-    shape(rig, &SpriteScene::new(rig)?)
-}
-
-/// Far from the middle of a wide view a sprite covers more of the picture than in the middle.
-fn at_edges(rig: &Rig<'_>) -> Result<Check> {
-    shape(rig, &SpriteScene::strewn(rig, [[0.02, 0.98], [0.9, 0.98]], 100.0)?)
-}
-
 fn shape(rig: &Rig<'_>, lit: &SpriteScene) -> Result<Check> {
     let irradiance = lit.irradiance(rig, &lit.fixture, &SPRITE)?;
     let errors = |radius_m| lit.errors(&irradiance, DVec3::Y, radius_m);

@@ -70,7 +70,7 @@ fn words(base: &Path, folder: &Path) -> BTreeMap<String, usize> {
             exported.into_iter().flat_map(|it| it.files()).map(|file| (file.name, file.bytes)),
         );
     }
-    files.extend(exporters::write(folder, reading(), false).unwrap().into_iter().map(|path| {
+    files.extend(exporters::write(folder, reading(), None).unwrap().into_iter().map(|path| {
         (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(&path).unwrap())
     }));
     let changes = [base, folder].map(|of| RunFile::read(&of.join("records.jsonl")).unwrap());
