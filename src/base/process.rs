@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 use std::fmt;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Mutex, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -30,6 +31,37 @@ const POLL: Duration = Duration::from_millis(2);
 /// How long a killed process is waited for: one within a call of the system that does not end outlasts its kill.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 
+/// Variables in which git names the repository and the index of its caller, a hook (`git rev-parse --local-env-vars`). No child of this
+/// process may take them for its own.
+const GIT_VARIABLES: [&str; 16] = [
+    "GIT_ALTERNATE_OBJECT_DIRECTORIES",
+    "GIT_COMMON_DIR",
+    "GIT_CONFIG",
+    "GIT_CONFIG_COUNT",
+    "GIT_CONFIG_PARAMETERS",
+    "GIT_DIR",
+    "GIT_GRAFT_FILE",
+    "GIT_IMPLICIT_WORK_TREE",
+    "GIT_INDEX_FILE",
+    "GIT_INTERNAL_SUPER_PREFIX",
+    "GIT_NO_REPLACE_OBJECTS",
+    "GIT_OBJECT_DIRECTORY",
+    "GIT_PREFIX",
+    "GIT_REPLACE_REF_BASE",
+    "GIT_SHALLOW_FILE",
+    "GIT_WORK_TREE",
+];
+/// Keeps a list of groups until its input ends, which it does with the process that writes it; then it ends them.
+#[cfg(unix)]
+const END_GROUPS: &str = r#"groups=" "
+while read -r sign group; do
+    case $sign in
+    +) groups="$groups$group " ;;
+    -) groups="${groups%% "$group" *} ${groups#* "$group" }" ;;
+    esac
+done
+for group in $groups; do kill -9 -- "-$group"; done"#;
+
 /// A child with the processes of its group. They end when this is dropped.
 pub struct ProcessTree {
     pub child: Child,
@@ -40,9 +72,13 @@ pub struct ProcessTree {
 impl ProcessTree {
     /// Starts a command. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
+        for name in GIT_VARIABLES {
+            command.env_remove(name);
+        }
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
         let child = command.spawn()?;
+        watch('+', child.id());
         Ok(Self { group: Some(child.id()), child })
     }
 
@@ -66,11 +102,31 @@ impl ProcessTree {
         self.child.stdin = None;
         if let Some(group) = self.group.take() {
             kill_group(group);
+            watch('-', group);
             let _ = self.child.kill();
             let _ = self.status_within(SHUTDOWN_TIMEOUT);
         }
     }
 }
+
+/// Says that a group has begun (+) or ended (-) to a shell that ends those left when this process is killed.
+#[cfg(unix)]
+fn watch(sign: char, group: u32) {
+    static WATCHER: OnceLock<Option<Mutex<ChildStdin>>> = OnceLock::new();
+    let start = || {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", END_GROUPS]).stdin(Stdio::piped());
+        shell.stdout(Stdio::null()).stderr(Stdio::null());
+        std::os::unix::process::CommandExt::process_group(&mut shell, 0);
+        shell.spawn().ok()?.stdin.map(Mutex::new)
+    };
+    if let Some(Ok(mut watcher)) = WATCHER.get_or_init(start).as_ref().map(Mutex::lock) {
+        let _ = watcher.write_all(format!("{sign} {group}\n").as_bytes());
+    }
+}
+
+#[cfg(not(unix))]
+fn watch(_: char, _: u32) {}
 
 #[cfg(unix)]
 fn kill_group(group: u32) {

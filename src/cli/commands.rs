@@ -24,12 +24,12 @@ use crate::report::charts::png::Rasterizer;
 use crate::report::{self, Artifact, Report};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, print, private, quiet, record, text};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::{AdapterArgs, AnswerArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs};
+use super::{AdapterArgs, AnswerArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs, WorkerArgs};
 
 /// Where figures go that are not told where.
 const FIGURES_FOLDER: &str = "figures";
@@ -396,9 +396,14 @@ fn report_of(folder: &Path, png: bool) -> anyhow::Result<Vec<PathBuf>> {
     exporters::write(&output.folder, reading, png.as_ref())
 }
 
-pub fn worker(catalog: &Catalog, args: AdapterArgs) -> ExitResult {
+pub fn worker(catalog: &Catalog, WorkerArgs { set, adapter }: WorkerArgs) -> ExitResult {
+    let fields: Vec<_> = catalog.kinds.iter().flat_map(|kind| (kind.fields)()).collect();
+    for (path, _) in &set {
+        let hint = text::did_you_mean(path, fields.iter().map(|field| &*field.path));
+        ensure!(fields.iter().any(|field| field.path == *path), "no pipeline has `{path}`{hint}");
+    }
     let (input, output) = (std::io::stdin().lock(), std::io::stdout().lock());
-    worker::serve(&gpu_options(catalog, &args), catalog, input, output)?;
+    worker::serve(&gpu_options(catalog, &adapter), catalog, &set, input, output)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -194,7 +194,16 @@ pub enum Command {
     Completions { shell: clap_complete::Shell },
     /// Serve a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
-    Worker(AdapterArgs),
+    Worker(WorkerArgs),
+}
+
+#[derive(Args)]
+pub struct WorkerArgs {
+    /// Set a parameter in each cell whose pipeline has it; see `fathom list parameters`
+    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, Value)>,
+    #[command(flatten)]
+    pub adapter: AdapterArgs,
 }
 
 /// How a command that runs on an adapter answers.

@@ -48,6 +48,8 @@ pub struct CompareOptions {
     pub programs: [Program; 2],
     /// The gates' configurations; the built-in ones without.
     pub cells_file: Option<PathBuf>,
+    /// The base's own list of cells; that of its greeting without, unless `cells_file` is there.
+    pub base_cells: Option<Vec<CellId>>,
     /// Only cells whose names contain this.
     pub filter: Option<String>,
     /// Records and reports say the values of the sides' variables.
@@ -181,13 +183,15 @@ fn header(
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
+            build: greeting.build.clone(),
             digest: digest?,
             environment: environment::recorded(&program.start.environment, options.env_values),
         })
     };
     let [base, head] = greetings;
     let notes = base.notes.iter().chain(&head.notes).unique().cloned();
-    let is_silent = options.programs[0].start.commit.is_some() && base.build.is_none();
+    let commit = base.build.as_ref().and_then(|build| build.commit.as_ref());
+    let is_silent = options.programs[0].start.commit.is_some() && commit.is_none();
     let silent = "the base build does not say of which commit it was built".to_owned();
     let notes = notes.chain(is_silent.then_some(silent));
     let notes = notes.chain(stale_head(options, &greetings[Side::Head as usize]));
@@ -201,19 +205,34 @@ fn header(
         base_adapter: (base.adapter != head.adapter).then(|| base.adapter.clone()),
         settings,
         cells: gates.cells(),
+        base_cells: base_cells(options, base),
         skipped,
         notes: notes.chain(unchecked).collect(),
         ..ComparisonHeader::default()
     })
 }
 
+/// The cells of the base's own list that are asked for.
+fn base_cells(options: &CompareOptions, base: &Greeting) -> Vec<CellId> {
+    let greeted = options.cells_file.is_none().then_some(&base.cells);
+    let mut cells = options.base_cells.as_ref().or(greeted).cloned().unwrap_or_default();
+    let (gates, software) = (&options.settings.gates, base.adapter.software);
+    cells.retain(|cell| {
+        let mut gates = gates.iter();
+        options.filter.as_ref().is_none_or(|filter| cell.as_str().contains(filter))
+            && gates.any(|gate| cell.subject().is_measured_by(*gate, software))
+    });
+    cells
+}
+
 /// That the head was built of another commit than the checkout holds.
 fn stale_head(options: &CompareOptions, head: &Greeting) -> Option<String> {
     let (head, checkout) = head.build.as_ref().zip(options.checkout.as_ref())?;
-    let note = || {
+    let is_stale =
+        head.commit.is_some() && (&head.commit, head.dirty) != (&checkout.commit, checkout.dirty);
+    is_stale.then(|| {
         format!("the head was built of {head}, and the checkout is at {checkout}: build it again")
-    };
-    (head != checkout).then(note)
+    })
 }
 
 /// All that defines what is measured. Of variables there are names and a digest, as their values may be secret.

@@ -199,7 +199,7 @@ impl WorkerProcess {
 
     /// Starts a process. It has said nothing yet.
     ///
-    /// The worker is tied to the calling thread: it is killed when that thread ends.
+    /// Whatever ends this process ends the worker and its group.
     pub fn spawn(start: &WorkerStart) -> Result<Self, WorkerFault> {
         let mut command = start.command();
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());

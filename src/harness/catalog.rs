@@ -4,6 +4,7 @@
 use serde_json::Value;
 use thiserror::Error;
 
+use fathom_base::BUILT_WITH;
 use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
 use fathom_base::parameter::{self, Allowed, ParamError, ParamField};
 use fathom_base::text::did_you_mean;
@@ -82,7 +83,8 @@ impl Catalog {
 
     /// What the program was built of, as records hold it.
     pub fn build(&self) -> Build {
-        Build::described(self.revision)
+        let with = BUILT_WITH.map(|(name, value)| (name.to_owned(), value.to_owned()));
+        Build { with: with.into(), ..Build::described(self.revision) }
     }
 
     /// Names the revision, as `git describe --always --dirty=-dirty --abbrev=40 --exclude='*'` gives it.

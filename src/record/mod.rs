@@ -136,6 +136,9 @@ pub struct Build {
     pub commit: Option<String>,
     /// Its files differed from the commit.
     pub dirty: bool,
+    /// How it was built: `profile`, `opt-level`, `target`, `flags` and `compiler`. Absent from programs of earlier versions.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub with: BTreeMap<String, String>,
 }
 
 impl Build {
@@ -144,7 +147,19 @@ impl Build {
         let commit = revision.strip_suffix("-dirty");
         let dirty = commit.is_some();
         let commit = Some(commit.unwrap_or(revision)).filter(|commit| !commit.is_empty());
-        Self { commit: commit.map(str::to_owned), dirty }
+        Self { commit: commit.map(str::to_owned), dirty, with: BTreeMap::new() }
+    }
+
+    /// What differs between how two were built, of what both say: `profile debug → release`.
+    pub fn differences(&self, other: &Self) -> Vec<String> {
+        let pairs =
+            self.with.iter().filter_map(|(name, own)| Some((name, own, other.with.get(name)?)));
+        let different = pairs.filter(|(_, own, other)| own != other);
+        let or_none =
+            |text: &str| if text.is_empty() { "none".to_owned() } else { text.to_owned() };
+        different
+            .map(|(name, own, other)| format!("{name} {} → {}", or_none(own), or_none(other)))
+            .collect()
     }
 }
 
