@@ -1,9 +1,9 @@
 //! Child processes with limits: of their time, and of what is kept of their words. Each has a process group of its own, which ends with it.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::fmt;
 use std::io::{self, BufReader, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
@@ -84,6 +84,28 @@ impl ProcessTree {
 
     pub fn id(&self) -> u32 {
         self.child.id()
+    }
+
+    /// The programs that its group runs, each with its script: the first argument that is a file. None outside Linux.
+    #[cfg(target_os = "linux")]
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        let is_own = |process: &procfs::process::Process| {
+            process.stat().is_ok_and(|stat| Some(stat.pgrp as u32) == self.group)
+        };
+        let all = procfs::process::all_processes().into_iter().flatten().flatten();
+        let files = all.filter(is_own).flat_map(|process| {
+            let (arguments, folder) = (process.cmdline().unwrap_or_default(), process.cwd());
+            let folder = folder.unwrap_or_default();
+            let paths = arguments.iter().skip(1).map(|argument| folder.join(argument));
+            let script = paths.filter(|path| path.is_file()).take(1);
+            process.exe().into_iter().chain(script).collect::<Vec<_>>()
+        });
+        files.collect()
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        BTreeSet::new()
     }
 
     /// Its status, if it ends within this time.

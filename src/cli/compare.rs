@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use crate::compare::build::{self, ProgramCopy};
+use crate::compare::build::{self, ProgramCopy, Revision};
 use crate::compare::cells::Gates;
 use crate::compare::environment::{self, Environment};
 use crate::compare::flow::{self, CompareOptions, Program};
@@ -113,24 +113,17 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
     flow::measure(&options, locked, &INTERRUPT, &|text| print::note(text))
 }
 
-/// A revision to build.
-struct BaseRevision {
-    /// What it is called.
-    label: String,
-    commit: String,
-}
-
 /// The revision that the command line names: where it and the head part, unless it is asked for exactly.
 fn base_revision(
     catalog: &Catalog,
     args: &CompareArgs,
     folder: &Path,
-) -> anyhow::Result<Option<BaseRevision>> {
+) -> anyhow::Result<Option<Revision>> {
     let Some(named) = args.base.as_ref().or(args.base_exact.as_ref()) else { return Ok(None) };
     let repository = build::repository(folder)?;
     let commit = build::commit(&repository, named)?;
     if args.base_exact.is_some() {
-        return Ok(Some(BaseRevision { label: named.clone(), commit }));
+        return Ok(Some(Revision { label: named.clone(), commit }));
     }
     let built_of = catalog.build().commit.filter(|_| args.head_bin.is_none());
     let head = built_of.and_then(|commit| build::commit(&repository, &commit).ok());
@@ -138,14 +131,14 @@ fn base_revision(
     let common = build::merge_base(&repository, [&commit, &head])?;
     let is_same = common == commit;
     let label = if is_same { named.clone() } else { format!("merge base of {named}") };
-    Ok(Some(BaseRevision { label, commit: common }))
+    Ok(Some(Revision { label, commit: common }))
 }
 
 /// The cells of the base's own file, where one is given or the revision has it.
 fn base_cells(
     args: &CompareArgs,
     folder: &Path,
-    revision: Option<&BaseRevision>,
+    revision: Option<&Revision>,
 ) -> anyhow::Result<Option<Vec<CellId>>> {
     if let Some(file) = &args.base_cells_file {
         return Ok(Some(Gates::load(Some(file), ("", ""))?.cells()));
@@ -159,7 +152,7 @@ fn base_cells(
 
 enum WorkerSource<'a> {
     /// Of the repository around a folder.
-    Revision(&'a Path, BaseRevision),
+    Revision(&'a Path, Revision),
     Program(PathBuf),
     /// Of the shell: any program that speaks the worker protocol.
     Command(&'a str),
@@ -199,12 +192,12 @@ impl PreparedSide {
                 return Ok(Self { program, _aside: None, _shader_cache: None });
             }
             WorkerSource::Program(path) => (private::path(&path), None, build::set_aside(&path)?),
-            WorkerSource::Revision(folder, BaseRevision { label, commit }) => {
-                print::note(format!("building {label} ({commit})"));
+            WorkerSource::Revision(folder, revision) => {
+                print::note(format!("building {} ({})", revision.label, revision.commit));
                 let mut progress = |line: &str| print::note(line);
                 let target = catalog.program;
-                let built = build::revision(folder, target, &commit, &INTERRUPT, &mut progress)?;
-                (label, Some(commit), built)
+                let built = build::revision(folder, target, &revision, &INTERRUPT, &mut progress)?;
+                (revision.label, Some(revision.commit), built)
             }
         };
         let shader_cache = environment::shader_cache(&environment)?;

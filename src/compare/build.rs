@@ -25,7 +25,7 @@ const MAX_KEPT_BYTES: u64 = 16 << 30;
 const DIGITS: usize = 8;
 /// In the kept folder of a repository.
 const CHECKOUT: &str = "checkout";
-const TARGET: &str = "target";
+const TARGET_FOLDER: &str = "target";
 /// What cargo says where a checkout has no such crate or program.
 const NO_SUCH_PROGRAM: [&str; 3] =
     ["did not match any packages", "could not find `Cargo.toml`", "no bin target named"];
@@ -39,6 +39,13 @@ const CARGO_PREFIXES: [&str; 3] = ["CARGO_BIN_", "CARGO_MANIFEST_", "CARGO_PKG_"
 /// The toolchain that rustup has chosen for the caller's cargo.
 const RUSTUP_TOOLCHAIN: &str = "RUSTUP_TOOLCHAIN";
 
+/// A commit, and what it is called.
+#[derive(Clone, Debug)]
+pub struct Revision {
+    pub label: String,
+    pub commit: String,
+}
+
 /// A copy of the release build of `target` at `revision` of the repository around `folder`.
 ///
 /// cargo starts in the same folder of the checkout, so the crate need not be at the repository's root. `progress` is given each line that
@@ -46,12 +53,12 @@ const RUSTUP_TOOLCHAIN: &str = "RUSTUP_TOOLCHAIN";
 pub fn revision(
     folder: &Path,
     target: CargoTarget,
-    revision: &str,
+    revision: &Revision,
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<ProgramCopy> {
     let builds = RevisionBuilds::of(folder, &user_cache()?.join("revisions"))?;
-    builds.build(target, revision, &[], interrupted, progress)
+    builds.build(target, revision, interrupted, progress)
 }
 
 /// What is kept of a repository's builds.
@@ -74,21 +81,18 @@ impl RevisionBuilds {
     fn build(
         &self,
         target: CargoTarget,
-        revision: &str,
-        arguments: &[&str],
+        Revision { label, commit }: &Revision,
         interrupted: &AtomicBool,
         progress: &mut dyn FnMut(&str),
     ) -> Result<ProgramCopy> {
-        let commit = commit(&self.repository, revision)?;
         let _lock = FolderLock::take(&self.kept)?;
         make_room(&self.kept, MAX_KEPT_BYTES);
-        let (checkout, built) = (self.kept.join(CHECKOUT), self.kept.join(TARGET));
-        check_out(&self.repository, &checkout, &commit)
+        let (checkout, built) = (self.kept.join(CHECKOUT), self.kept.join(TARGET_FOLDER));
+        check_out(&self.repository, &checkout, commit)
             .with_context(|| format!("git cannot check out {commit} in {}", checkout.display()))?;
         let source = checkout.join(&self.prefix);
         let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&checkout);
-        let mut compile =
-            || compile((source, &built), target, revision, arguments, interrupted, progress);
+        let mut compile = || compile((source, &built), target, label, &[], interrupted, progress);
         let mut program = compile()?;
         let sum = |program: &Compiled| input::open(&program.path).and_then(input::sha256);
         let kept_sum = self.kept.join(PROGRAM_SUM);
@@ -216,7 +220,7 @@ fn make_room(kept: &Path, max_bytes: u64) {
         if bytes <= max_bytes {
             return;
         }
-        let removed = if path == kept { kept.join(TARGET) } else { path.clone() };
+        let removed = if path == kept { kept.join(TARGET_FOLDER) } else { path.clone() };
         let lock = (path != kept).then(|| FolderLock::take(path)).transpose();
         if lock.is_ok() && std::fs::remove_dir_all(removed).is_ok() {
             bytes -= size;
@@ -399,8 +403,6 @@ pub fn set_aside(program: &Path) -> Result<ProgramCopy> {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use super::*;
 
     const MANIFEST: &str = "[package]\nname = \"mine\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
@@ -408,19 +410,21 @@ mod tests {
     const LOCK: &str = "version = 4\n\n[[package]]\nname = \"mine\"\nversion = \"0.1.0\"\n";
     const TARGET: CargoTarget = CargoTarget { package: "mine", binary: "my-bench" };
 
-    /// A repository with a crate of two commits: the first builds, the second, HEAD, does not. The crate lies in a folder of it.
+    /// A repository with a crate of two commits: the first builds, the second, HEAD, does not, and has a configuration that the first
+    /// has not. The crate lies in a folder of it.
     struct TestRepository {
-        folder: tempfile::TempDir,
+        folder: TempDir,
+        cache: TempDir,
         /// Of the crate.
         path: PathBuf,
     }
 
     impl TestRepository {
         fn new() -> Self {
-            let folder = tempfile::tempdir().unwrap();
+            let [folder, cache] = [(); 2].map(|()| tempfile::tempdir().unwrap());
             let path = folder.path().join("crates/mine");
             std::fs::create_dir_all(&path).unwrap();
-            let repository = Self { folder, path };
+            let repository = Self { folder, cache, path };
             git(repository.folder.path(), &["init", "--quiet"]).unwrap();
             repository.git(["config", "user.name", "Someone"]);
             repository.git(["config", "user.email", "someone@example.org"]);
@@ -430,12 +434,12 @@ mod tests {
             repository.write("src/main.rs", "fn main() { println!(\"first\"); }\n");
             repository.commit();
             repository.write("src/main.rs", "fn main() { second() }\n");
+            let configuration =
+                "[build]\nrustflags = [\"--cfg=own\"]\n[profile.release]\nopt-level = 0\n";
+            repository.write("../../.cargo/config.toml", configuration);
+            repository.write("../../Cargo.toml", "[workspace]\nresolver = \"1\"\n");
             repository.commit();
             repository
-        }
-
-        fn cache(&self) -> PathBuf {
-            self.folder.path().join(CACHE)
         }
 
         fn write(&self, name: &str, text: &str) {
@@ -453,73 +457,89 @@ mod tests {
             self.git(["commit", "--quiet", "--message=Change"]);
         }
 
-        /// No worktree and no build is left.
-        fn is_clean(&self) -> bool {
-            let folders = std::fs::read_dir(self.cache()).unwrap().flatten();
-            folders.map(|entry| entry.file_name()).eq(["target"])
-                && self.git(["worktree", "list"]).split(" [").count() == 2
+        fn builds(&self) -> RevisionBuilds {
+            RevisionBuilds::of(&self.path, self.cache.path()).unwrap()
         }
 
-        fn build(&self, name: &str) -> (Result<PathBuf>, usize) {
-            let mut lines = 0;
-            let built = revision(&self.path, TARGET, name, &AtomicBool::new(false), &mut |_| {
-                lines += 1;
-            });
-            (built, lines)
+        /// What the program of a revision prints, and cargo.
+        fn output(&self, revision: &str) -> Result<(String, String)> {
+            let (mut told, interrupted) = (String::new(), AtomicBool::new(false));
+            let builds = self.builds();
+            let commit = commit(&builds.repository, revision)?;
+            let revision = Revision { label: revision.to_owned(), commit };
+            let built = builds.build(TARGET, &revision, &interrupted, &mut |line| told += line)?;
+            Ok((process::run_for_stdout(&mut Command::new(&built.path)).unwrap(), told))
         }
     }
 
     #[test]
-    fn a_revision_is_built_once_and_leaves_no_worktree() {
+    fn cargo_builds_a_revision_again_only_where_it_differs() {
         let repository = TestRepository::new();
-        let (built, lines) = repository.build("HEAD~1");
-        let built = built.unwrap();
-        assert!(lines > 0, "cargo's progress is passed on");
-        let commit = repository.git(["rev-parse", "HEAD~1"]);
-        assert!(built.to_string_lossy().contains(&commit), "{}", built.display());
-        let output = Command::new(&built).output().unwrap();
-        assert_eq!(output.stdout, b"first\n");
-        assert_eq!(repository.git(["worktree", "list"]).split(" [").count(), 2);
+        let (first, told) = repository.output("HEAD~1").unwrap();
+        assert!(first == "first" && told.contains("Compiling mine"), "{first}: {told}");
         assert_eq!(repository.git(["status", "--porcelain"]), "");
-        let (again, lines) = repository.build(&commit);
-        assert_eq!(again.unwrap(), built);
-        assert_eq!(lines, 0, "it comes from the cache");
-        let _lock = FolderLock::take(&repository.cache()).unwrap();
-        let refused = repository.build("HEAD").0.unwrap_err().to_string();
+        let commit = repository.git(["rev-parse", "HEAD~1"]);
+        let (again, told) = repository.output(&commit).unwrap();
+        assert!(again == "first" && !told.contains("Compiling"), "{again}: {told}");
+        // A job restores the folder beside a new clone.
+        let kept = repository.builds().kept;
+        std::fs::remove_dir_all(repository.folder.path().join(".git/worktrees")).unwrap();
+        let (again, told) = repository.output(&commit).unwrap();
+        assert!(again == "first" && !told.contains("Compiling mine"), "{again}: {told}");
+        let program = kept.join(TARGET_FOLDER).join("release/my-bench");
+        std::fs::write(&program, "damaged").unwrap();
+        assert_eq!(repository.output(&commit).unwrap().0, "first");
+        repository.write("src/main.rs", "fn main() { println!(\"third\"); }\n");
+        repository.commit();
+        assert_eq!(repository.output("HEAD").unwrap().0, "third");
+        assert_eq!(repository.output(&commit).unwrap().0, "first");
+        let _lock = FolderLock::take(&kept).unwrap();
+        let refused = repository.output("HEAD").unwrap_err().to_string();
         assert!(refused.contains("is in use by process "), "{refused}");
+        let inside = RevisionBuilds::of(&repository.path, &repository.path.join("cache"));
+        let refused = inside.err().unwrap().to_string();
+        assert!(refused.contains("lies in the repository"), "{refused}");
+    }
+
+    /// cargo's command lines without the folders in which they run.
+    fn command_lines(source: &Path) -> String {
+        let target = tempfile::tempdir().unwrap();
+        let mut cargo = cargo();
+        cargo.args(["rustc", "-vv", "--release", "--bin", TARGET.binary, "--target-dir"]);
+        let output = cargo.arg(target.path()).current_dir(source).output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        let root = git(source, &["rev-parse", "--show-toplevel"]).unwrap();
+        let told = told.replace(&*target.path().to_string_lossy(), "TARGET").replace(&root, "ROOT");
+        let lines = told.lines().filter(|line| line.trim_start().starts_with("Running"));
+        let words = lines.flat_map(|line| line.split(' '));
+        // Digests of where the crate lies.
+        words
+            .filter(|word| {
+                !["metadata=", "extra-filename=", "-L"].iter().any(|own| word.contains(own))
+            })
+            .join(" ")
     }
 
     #[test]
-    fn whatever_changes_what_is_built_makes_another_build() {
-        let plain = |variables: &[(&str, &str)], configurations: &[&str]| {
-            let variables = variables.iter().map(|(name, value)| (name.into(), value.into()));
-            let configurations: Vec<_> =
-                configurations.iter().map(|text| text.as_bytes().to_vec()).collect();
-            build_fingerprint("rustc 1", TARGET, variables, &configurations)
-        };
-        let other = CargoTarget { package: "other", ..TARGET };
-        let fingerprints = [
-            plain(&[], &[]),
-            build_fingerprint("rustc 2", TARGET, [], &[]),
-            build_fingerprint("rustc 1", other, [], &[]),
-            plain(&[("RUSTFLAGS", "")], &[]),
-            plain(&[("RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
-            plain(&[("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
-            plain(&[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0")], &[]),
-            plain(&[("CARGO_BUILD_TARGET", "x86_64-unknown-linux-gnu")], &[]),
-            plain(&[("CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER", "lld")], &[]),
-            plain(&[], &["[profile.release]\nlto = true"]),
-            plain(&[], &["", "[profile.release]\nlto = true"]),
-        ];
-        let different: BTreeSet<&String> = fingerprints.iter().collect();
-        assert_eq!(different.len(), fingerprints.len(), "{fingerprints:?}");
-        assert_eq!(plain(&[("PATH", "/bin"), ("CARGO_TERM_COLOR", "never")], &[]), fingerprints[0]);
-        let folder = tempfile::tempdir().unwrap();
-        let before = cargo_configurations(folder.path()).len();
-        let deep = folder.path().join("a/b");
-        std::fs::create_dir_all(folder.path().join(".cargo")).unwrap();
-        std::fs::write(folder.path().join(".cargo/config.toml"), "[build]").unwrap();
-        assert_eq!(cargo_configurations(&deep).len(), before + 1);
+    fn a_revision_is_built_as_a_clean_clone_is() {
+        let repository = TestRepository::new();
+        repository.output("HEAD~1").unwrap();
+        let clone = tempfile::tempdir().unwrap();
+        let from = repository.folder.path().to_string_lossy().into_owned();
+        git(clone.path(), &["clone", "--quiet", &from, "clone"]).unwrap();
+        let clone = clone.path().join("clone");
+        git(&clone, &["checkout", "--quiet", "HEAD~1"]).unwrap();
+        let checkout = repository.builds().kept.join(CHECKOUT);
+        let [kept, clean] = [checkout, clone].map(|root| command_lines(&root.join("crates/mine")));
+        assert!(
+            clean.contains("--crate-name my_bench") && clean.contains("opt-level=3"),
+            "{clean}"
+        );
+        assert_eq!(kept, clean);
+        // As it was built once: in a folder of the repository.
+        let nested = repository.folder.path().join("target/base");
+        repository.git(["worktree", "add", "--quiet", &nested.to_string_lossy(), "HEAD~1"]);
+        assert_ne!(command_lines(&nested.join("crates/mine")), clean);
     }
 
     #[test]
@@ -545,23 +565,41 @@ mod tests {
     }
 
     #[test]
-    fn a_revision_that_does_not_build_shows_the_compilers_last_lines() {
+    fn what_cannot_be_built_is_told_by_the_compilers_last_lines_or_what_to_do() {
         let repository = TestRepository::new();
-        let message = repository.build("HEAD").0.unwrap_err().to_string();
-        assert!(message.contains("revision `HEAD` does not build"), "{message}");
+        let message = repository.output("HEAD").unwrap_err().to_string();
+        assert!(message.contains("does not build"), "{message}");
         assert!(message.contains("cannot find function `second`"), "{message}");
-        assert!(repository.is_clean());
+        for (file, text) in [("Cargo.toml", MANIFEST), ("Cargo.lock", LOCK)] {
+            repository.write(file, &text.replace("\"mine\"", "\"other\""));
+        }
+        repository.commit();
+        let message = repository.output("HEAD").unwrap_err().to_string();
+        assert!(
+            message.contains("has no program `my-bench`") && message.contains("--base-cmd"),
+            "{message}"
+        );
     }
 
     #[test]
-    fn only_the_newest_builds_are_kept() {
-        let folder = tempfile::tempdir().unwrap();
-        for n in 0..MAX_CACHED + 3 {
-            std::fs::create_dir(folder.path().join(n.to_string())).unwrap();
+    fn room_is_made_of_what_was_longest_unused() {
+        let cache = tempfile::tempdir().unwrap();
+        let kept = ["a", "b", "c"].map(|name| cache.path().join(name));
+        for (number, folder) in kept.iter().enumerate() {
+            std::fs::create_dir_all(folder.join(TARGET_FOLDER)).unwrap();
+            std::fs::write(folder.join(TARGET_FOLDER).join("file"), [0; 100]).unwrap();
+            let time =
+                SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1000 - number as u64);
+            std::fs::File::open(folder).unwrap().set_modified(time).unwrap();
         }
-        let newest = folder.path().join("0");
-        forget_old(folder.path(), &newest);
-        assert!(newest.exists());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), MAX_CACHED);
+        let left = |own: usize, bytes| {
+            make_room(&kept[own], bytes);
+            kept.each_ref().map(|folder| folder.join(TARGET_FOLDER).exists())
+        };
+        assert_eq!(left(0, 300), [true; 3]);
+        assert_eq!(left(0, 299), [true, true, false]);
+        assert_eq!(left(1, 100), [false, true, false]);
+        assert_eq!(left(1, 99), [false; 3]);
+        assert!(kept[1].exists());
     }
 }

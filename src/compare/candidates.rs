@@ -10,7 +10,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use itertools::Itertools;
 use serde::Serialize;
 
-use super::build::{self, ProgramCopy, Worktree};
+use super::build::{self, ProgramCopy, Revision, Worktree};
 use super::flow::Program;
 use super::launch::WorkerStart;
 use fathom_base::process::{self, Limits, ProcessError};
@@ -179,8 +179,9 @@ impl CandidateBuilder<'_> {
         if !self.programs.borrow().contains_key(name) {
             (self.report)(&format!("building {}", candidate.label));
             let mut tell = |line: &str| (self.report)(line);
-            let built =
-                build::revision(self.folder, self.target, name, self.interrupted, &mut tell)?;
+            let revision = Revision { label: candidate.label.clone(), commit: name.clone() };
+            let (folder, target, interrupted) = (self.folder, self.target, self.interrupted);
+            let built = build::revision(folder, target, &revision, interrupted, &mut tell)?;
             self.programs.borrow_mut().insert(name.clone(), built);
         }
         let path = &self.programs.borrow()[name].path;

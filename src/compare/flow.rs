@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use itertools::Itertools;
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
 
 use super::bench::Processes;
 use super::cells::Gates;
@@ -18,7 +17,6 @@ use super::protocol::{GateConfiguration, Greeting, with_driver};
 use super::rounds::{self, EarlierLaunches};
 use super::settings;
 use super::survey::{self, SurveyedBuild};
-use fathom_base::input;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts;
@@ -95,7 +93,8 @@ pub fn measure(
             "these cells are of what the host does, and none of the gates that run here measures that"
         );
     }
-    let header = header(options, &gates, &greetings, skipped)?;
+    let digests = digests(options, &builds)?;
+    let header = header(options, &gates, &greetings, &digests, skipped)?;
     let settings = settings(options, &gates, &header);
     let mut output = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
@@ -165,28 +164,33 @@ fn greet(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Resul
     Ok(greetings)
 }
 
+/// Of the programs of both sides.
+fn digests(options: &CompareOptions, builds: &[SurveyedBuild<'_>; 2]) -> Result<[String; 2]> {
+    let [base, head] = Side::BOTH.map(|side| {
+        let path = &options.programs[side as usize].start.program;
+        let digest = builds[side as usize].digest();
+        digest.with_context(|| format!("{} cannot be read", path.display()))
+    });
+    Ok([base?, head?])
+}
+
 fn header(
     options: &CompareOptions,
     gates: &Gates,
     greetings: &[Greeting; 2],
+    digests: &[String; 2],
     skipped: Vec<Skip>,
 ) -> Result<ComparisonHeader> {
-    let build = |side: Side| -> Result<ComparedBuild> {
+    let build = |side: Side| {
         let (program, greeting) = (&options.programs[side as usize], &greetings[side as usize]);
-        let path = &program.start.program;
-        let unreadable = |error| anyhow!("{} cannot be read: {error}", path.display());
-        let digest = match &program.start.command {
-            Some(text) => Ok(hex::encode(Sha256::digest(text))),
-            None => input::open(path).and_then(input::sha256).map_err(unreadable),
-        };
-        Ok(ComparedBuild {
+        ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
             build: greeting.build.clone(),
-            digest: digest?,
+            digest: digests[side as usize].clone(),
             environment: environment::recorded(&program.start.environment, options.env_values),
-        })
+        }
     };
     let [base, head] = greetings;
     let notes = base.notes.iter().chain(&head.notes).unique().cloned();
@@ -199,8 +203,8 @@ fn header(
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
     Ok(ComparisonHeader {
-        base: build(Side::Base)?,
-        head: build(Side::Head)?,
+        base: build(Side::Base),
+        head: build(Side::Head),
         adapter: head.adapter.clone(),
         base_adapter: (base.adapter != head.adapter).then(|| base.adapter.clone()),
         settings,
@@ -239,7 +243,13 @@ fn stale_head(options: &CompareOptions, head: &Greeting) -> Option<String> {
 fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) -> Value {
     let side = |build: &ComparedBuild, program: &Program| {
         let environment = environment::recorded(&program.start.environment, false);
-        json!({ "program": build.digest, "environment": environment, "options": program.start.gpu.to_args() })
+        json!({
+            "program": build.digest,
+            "version": build.version,
+            "build": build.build,
+            "environment": environment,
+            "options": program.start.gpu.to_args(),
+        })
     };
     let [base, head] = &options.programs;
     let sides = json!({
