@@ -47,10 +47,10 @@ if [ -z "$base" ] && [ -n "${GITHUB_BASE_REF:-}" ]; then base=$(fetch_target); f
 base=${base:-${CI_MERGE_REQUEST_TARGET_BRANCH_SHA:-${CI_MERGE_REQUEST_DIFF_BASE_SHA:-}}}
 if [ -z "$base" ] && is_commit "${FATHOM_BEFORE:-}" >/dev/null; then base=$FATHOM_BEFORE; fi
 base=${base:-HEAD^1}
-revision=$(is_commit "$base") && revision=$(git merge-base "$revision" HEAD) || {
+if ! { revision=$(is_commit "$base") && revision=$(git merge-base "$revision" HEAD); }; then
     echo "error: there is no revision $base, or none where it and HEAD part: check out the whole history (GitHub: fetch-depth: 0; GitLab: GIT_DEPTH: 0)" >&2
     exit 2
-}
+fi
 
 out=${FATHOM_OUT:-compare}
 if [ -L "$out" ] || [ -n "$(git ls-files -- "$out")" ]; then

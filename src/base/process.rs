@@ -60,7 +60,7 @@ while read -r sign group; do
     -) groups="${groups%% "$group" *} ${groups#* "$group" }" ;;
     esac
 done
-for group in $groups; do kill -9 -- "-$group"; done"#;
+for group in $groups; do kill -9 "-$group"; done"#;
 
 /// A child with the processes of its group. They end when this is dropped.
 pub struct ProcessTree {

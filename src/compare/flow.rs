@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use itertools::Itertools;
 use serde_json::{Value, json};
 
@@ -94,7 +94,7 @@ pub fn measure(
         );
     }
     let digests = digests(options, &builds)?;
-    let header = header(options, &gates, &greetings, &digests, skipped)?;
+    let header = header(options, &gates, &greetings, &digests, skipped);
     let settings = settings(options, &gates, &header);
     let mut output = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
@@ -110,6 +110,7 @@ pub fn measure(
     drop(builds);
     run.instructions(&common)?;
     run.time(&gates.control, &common)?;
+    check_commands(options, &digests, waiting)?;
     let end = ComparisonEnd {
         wall_s: start.elapsed().as_secs_f64(),
         interrupted: waiting.is_interrupted(),
@@ -164,6 +165,25 @@ fn greet(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Resul
     Ok(greetings)
 }
 
+/// No command runs another program than in the beginning. Of other programs there are copies.
+fn check_commands(
+    options: &CompareOptions,
+    before: &[String; 2],
+    waiting: ReplyWait,
+) -> Result<()> {
+    let of_command = |side: &Side| options.programs[*side as usize].start.command.is_some();
+    for side in Side::BOTH.into_iter().filter(of_command).filter(|_| !waiting.is_interrupted()) {
+        let mut build = start_build(options, side, waiting)?;
+        let greeted = build.greet().map_err(|fault| anyhow!("the {side} build: {fault}"));
+        let is_same = greeted.is_ok() && build.digest()? == before[side as usize];
+        ensure!(
+            is_same || waiting.is_interrupted(),
+            "the {side}'s command runs another program than in the beginning: measure again, into another folder"
+        );
+    }
+    Ok(())
+}
+
 /// Of the programs of both sides.
 fn digests(options: &CompareOptions, builds: &[SurveyedBuild<'_>; 2]) -> Result<[String; 2]> {
     let [base, head] = Side::BOTH.map(|side| {
@@ -180,7 +200,7 @@ fn header(
     greetings: &[Greeting; 2],
     digests: &[String; 2],
     skipped: Vec<Skip>,
-) -> Result<ComparisonHeader> {
+) -> ComparisonHeader {
     let build = |side: Side| {
         let (program, greeting) = (&options.programs[side as usize], &greetings[side as usize]);
         ComparedBuild {
@@ -202,7 +222,7 @@ fn header(
     let mut settings = options.settings.clone();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
-    Ok(ComparisonHeader {
+    ComparisonHeader {
         base: build(Side::Base),
         head: build(Side::Head),
         adapter: head.adapter.clone(),
@@ -213,7 +233,7 @@ fn header(
         skipped,
         notes: notes.chain(unchecked).collect(),
         ..ComparisonHeader::default()
-    })
+    }
 }
 
 /// The cells of the base's own list that are asked for.

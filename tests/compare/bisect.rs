@@ -42,7 +42,7 @@ impl Commits {
     /// A repository whose commits each write something.
     pub fn with_commits(commits: usize, write: impl Fn(&Place, usize)) -> Self {
         let history = Self(Place::new(), tempfile::tempdir().unwrap());
-        history.git(&["init", "--quiet"]);
+        history.git(&["init", "--quiet", "--initial-branch=master"]);
         for number in 0..commits {
             write(&history.0, number);
             history.commit(number);
@@ -117,6 +117,24 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
     assert_eq!(worktrees.lines().count(), 1, "{worktrees}");
     let other = command.args(["--batch", "8"]).ends(2);
     holds(&other.err, &["was begun with other settings: ", "`batch` was 4 and is now 8"]);
+}
+
+/// The good revision is a release of another branch: what it has in common with the bad one is good.
+#[test]
+fn a_good_revision_of_another_branch_begins_the_search_where_they_part() {
+    let history = Commits::with_commits(4, |place, number| {
+        let error = if number < 2 { "0.01" } else { "0.02" };
+        Script { error, ..Script::default() }.write(&place.path(""), "worker.sh");
+        place.write("cells.toml", CELLS);
+    });
+    history.git(&["checkout", "--quiet", "-b", "release", "HEAD~3"]);
+    history.git(&["commit", "--quiet", "--allow-empty", "--message=Release"]);
+    let words =
+        "bisect --good release --bad master --gates exact --cells-file cells.toml --out out";
+    let mut command = history.fathom(words);
+    let output = command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]).ends(0);
+    holds(&output.out, &["first revision: ", "Change 2 ", "3 revisions"]);
+    holds(&output.err, &[" is of another branch: the search begins where they part, at "]);
 }
 
 #[test]

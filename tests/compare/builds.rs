@@ -11,7 +11,9 @@ use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::Gate;
 use fathom::record::{Measured, Record};
 
-use super::common::{CommandOutput, Ends, Place, holds, names, reference_of, write_records};
+use super::common::{
+    CommandOutput, Ends, Place, holds, names, reference_of, wait_until, write_records,
+};
 use super::script::{Script, hello, refusal};
 use super::stored::cell;
 
@@ -264,6 +266,30 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     assert_eq!(stored.exact.len(), 2 * 4, "exact figures are not asked for again");
     assert_eq!(Verdicts::judge(&stored).status, Status::NoRegression);
     assert_eq!(stored.header.settings.gates, [Gate::Exact, Gate::Time]);
+}
+
+/// Workers that hang have started others, which ignore what a terminal sends.
+#[test]
+fn nothing_is_left_of_a_comparison_that_is_killed() {
+    let builds = Builds::without_builds();
+    let log = builds.path("started");
+    let start = format!("trap '' HUP INT TERM; sleep 3600 & echo $! >> '{}'", log.display());
+    let hangs = format!(
+        "for n in 1 2 3 4 5 6 7 8 9; do {start}; done; echo $$ >> '{}'; wait",
+        log.display()
+    );
+    builds.build("base", &Script::default());
+    builds.build("head", &Script { instead: &[("\"prepare\"", &hangs)], ..Script::default() });
+    let (mut child, _told) = spawned(&mut builds.command(""));
+    let started = || fs::read_to_string(&log).unwrap_or_default();
+    wait_until("the head's worker", || started().lines().count() == 10);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let is_left = |process: &str| {
+        let stat = fs::read_to_string(format!("/proc/{process}/stat"));
+        stat.is_ok_and(|stat| !stat.contains(") Z "))
+    };
+    wait_until("the end of all", || !started().lines().any(is_left));
 }
 
 #[test]
