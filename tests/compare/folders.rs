@@ -2,7 +2,7 @@
 
 use super::bisect::{Commits, LOCK, MANIFEST};
 use super::builds::{Builds, spawned};
-use super::common::{Ends, Place, names, signal};
+use super::common::{Ends, Place, signal};
 use super::script::Script;
 
 #[test]
