@@ -31,26 +31,6 @@ const POLL: Duration = Duration::from_millis(2);
 /// How long a killed process is waited for: one within a call of the system that does not end outlasts its kill.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Variables in which git names the repository and the index of its caller, a hook (`git rev-parse --local-env-vars`). No child of this
-/// process may take them for its own.
-const GIT_VARIABLES: [&str; 16] = [
-    "GIT_ALTERNATE_OBJECT_DIRECTORIES",
-    "GIT_COMMON_DIR",
-    "GIT_CONFIG",
-    "GIT_CONFIG_COUNT",
-    "GIT_CONFIG_PARAMETERS",
-    "GIT_DIR",
-    "GIT_GRAFT_FILE",
-    "GIT_IMPLICIT_WORK_TREE",
-    "GIT_INDEX_FILE",
-    "GIT_INTERNAL_SUPER_PREFIX",
-    "GIT_NO_REPLACE_OBJECTS",
-    "GIT_OBJECT_DIRECTORY",
-    "GIT_PREFIX",
-    "GIT_REPLACE_REF_BASE",
-    "GIT_SHALLOW_FILE",
-    "GIT_WORK_TREE",
-];
 /// Keeps a list of groups until its input ends, which it does with the process that writes it; then it ends them.
 #[cfg(unix)]
 const END_GROUPS: &str = r#"groups=" "
@@ -72,7 +52,7 @@ pub struct ProcessTree {
 impl ProcessTree {
     /// Starts a command. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
-        for name in GIT_VARIABLES {
+        for name in git_variables().lines() {
             command.env_remove(name);
         }
         #[cfg(unix)]
@@ -129,6 +109,15 @@ impl ProcessTree {
             let _ = self.status_within(SHUTDOWN_TIMEOUT);
         }
     }
+}
+
+/// The variables in which git names the repository and the index of its caller, a hook. No child may take them for its own.
+fn git_variables() -> &'static str {
+    static NAMES: OnceLock<String> = OnceLock::new();
+    NAMES.get_or_init(|| {
+        let names = Command::new("git").args(["rev-parse", "--local-env-vars"]).output();
+        names.map_or_else(|_| String::new(), |names| String::from_utf8_lossy(&names.stdout).into())
+    })
 }
 
 /// Says that a group has begun (+) or ended (-) to a shell that ends those left when this process is killed.

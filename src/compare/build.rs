@@ -5,7 +5,6 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
-use std::time::SystemTime;
 
 use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use itertools::Itertools;
@@ -31,11 +30,9 @@ const NO_SUCH_PROGRAM: [&str; 3] =
     ["did not match any packages", "could not find `Cargo.toml`", "no bin target named"];
 /// SHA-256 of the last program built there.
 const PROGRAM_SUM: &str = "program.sha256";
-/// Variables that cargo sets for what it runs (The Cargo Book, *Environment Variables*), beside those of [`CARGO_PREFIXES`]: they are of
-/// the caller's crate.
+/// How variables begin that cargo sets for what it runs (The Cargo Book, *Environment Variables*): they are of the caller's crate.
 const CARGO_VARIABLES: [&str; 5] =
-    ["CARGO", "CARGO_CRATE_NAME", "CARGO_PRIMARY_PACKAGE", "CARGO_TARGET_TMPDIR", "OUT_DIR"];
-const CARGO_PREFIXES: [&str; 3] = ["CARGO_BIN_", "CARGO_MANIFEST_", "CARGO_PKG_"];
+    ["CARGO_BIN_", "CARGO_CRATE_", "CARGO_MANIFEST_", "CARGO_PKG_", "CARGO_PRIMARY_"];
 /// The toolchain that rustup has chosen for the caller's cargo.
 const RUSTUP_TOOLCHAIN: &str = "RUSTUP_TOOLCHAIN";
 
@@ -85,8 +82,8 @@ impl RevisionBuilds {
         interrupted: &AtomicBool,
         progress: &mut dyn FnMut(&str),
     ) -> Result<ProgramCopy> {
-        let _lock = FolderLock::take(&self.kept)?;
         make_room(&self.kept, MAX_KEPT_BYTES);
+        let _lock = FolderLock::take(&self.kept)?;
         let (checkout, built) = (self.kept.join(CHECKOUT), self.kept.join(TARGET_FOLDER));
         check_out(&self.repository, &checkout, commit)
             .with_context(|| format!("git cannot check out {commit} in {}", checkout.display()))?;
@@ -146,12 +143,11 @@ pub fn checkouts(folder: &Path, search: &Path) -> Result<PathBuf> {
 /// cargo without what it has told its caller.
 fn cargo() -> Command {
     let mut cargo = Command::new("cargo");
-    let of_caller = |name: &str| {
-        CARGO_VARIABLES.contains(&name) || CARGO_PREFIXES.iter().any(|own| name.starts_with(own))
-    };
-    let names = std::env::vars_os().filter_map(|(name, _)| name.into_string().ok());
-    for name in names.filter(|name| of_caller(name)) {
-        cargo.env_remove(name);
+    for (name, _) in std::env::vars_os() {
+        let is_cargos = |own: &&str| name.to_string_lossy().starts_with(own);
+        if CARGO_VARIABLES.iter().any(|own| is_cargos(own)) {
+            cargo.env_remove(name);
+        }
     }
     if std::env::var_os("CARGO").is_some() {
         cargo.env_remove(RUSTUP_TOOLCHAIN);
@@ -204,25 +200,20 @@ fn join_worktree(repository: &Path, checkout: &Path, commit: &str) -> Result<()>
     Ok(())
 }
 
-/// Removes what is kept of other repositories, the longest unused first, and last the target folder of this one, until the rest has so
-/// many bytes. What another process uses stays.
+/// Removes what is kept of repositories, the longest unused first and the own last, until the rest has so many bytes. What a process uses
+/// stays.
 fn make_room(kept: &Path, max_bytes: u64) {
     let beside = kept.parent().and_then(|cache| std::fs::read_dir(cache).ok());
     let folders = beside.into_iter().flatten().flatten().map(|entry| entry.path());
-    let last_use = |path: &PathBuf| {
-        let modified = path.metadata().and_then(|meta| meta.modified());
-        modified.unwrap_or(SystemTime::UNIX_EPOCH)
-    };
-    let mut sizes = folders.map(|path| (size(&path), path)).collect_vec();
-    sizes.sort_by_key(|(_, path)| (path == kept, last_use(path)));
-    let mut bytes: u64 = sizes.iter().map(|(size, _)| size).sum();
-    for (size, path) in sizes.iter().take_while_inclusive(|(_, path)| path != kept) {
-        if bytes <= max_bytes {
-            return;
-        }
-        let removed = if path == kept { kept.join(TARGET_FOLDER) } else { path.clone() };
-        let lock = (path != kept).then(|| FolderLock::take(path)).transpose();
-        if lock.is_ok() && std::fs::remove_dir_all(removed).is_ok() {
+    let last_use = |path: &Path| path.metadata().and_then(|meta| meta.modified()).ok();
+    let folders = folders.sorted_by_key(|path| (path == kept, last_use(path))).collect_vec();
+    let sizes = folders.iter().map(|path| size(path)).collect_vec();
+    let mut bytes: u64 = sizes.iter().sum();
+    for (path, size) in folders.iter().zip(sizes) {
+        if bytes > max_bytes
+            && FolderLock::take(path).is_ok()
+            && std::fs::remove_dir_all(path).is_ok()
+        {
             bytes -= size;
         }
     }
@@ -403,6 +394,8 @@ pub fn set_aside(program: &Path) -> Result<ProgramCopy> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::SystemTime;
+
     use super::*;
 
     const MANIFEST: &str = "[package]\nname = \"mine\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
@@ -585,21 +578,19 @@ mod tests {
     fn room_is_made_of_what_was_longest_unused() {
         let cache = tempfile::tempdir().unwrap();
         let kept = ["a", "b", "c"].map(|name| cache.path().join(name));
-        for (number, folder) in kept.iter().enumerate() {
-            std::fs::create_dir_all(folder.join(TARGET_FOLDER)).unwrap();
-            std::fs::write(folder.join(TARGET_FOLDER).join("file"), [0; 100]).unwrap();
-            let time =
-                SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1000 - number as u64);
+        for (age, folder) in kept.iter().enumerate() {
+            std::fs::create_dir(folder).unwrap();
+            std::fs::write(folder.join("file"), [0; 100]).unwrap();
+            let time = SystemTime::now() - std::time::Duration::from_secs(1000 * age as u64);
             std::fs::File::open(folder).unwrap().set_modified(time).unwrap();
         }
-        let left = |own: usize, bytes| {
+        for (own, bytes, left) in [(0, 300, "abc"), (0, 299, "ab"), (1, 100, "b"), (1, 99, "")] {
             make_room(&kept[own], bytes);
-            kept.each_ref().map(|folder| folder.join(TARGET_FOLDER).exists())
-        };
-        assert_eq!(left(0, 300), [true; 3]);
-        assert_eq!(left(0, 299), [true, true, false]);
-        assert_eq!(left(1, 100), [false, true, false]);
-        assert_eq!(left(1, 99), [false; 3]);
-        assert!(kept[1].exists());
+            let names = kept.iter().filter(|folder| folder.exists());
+            assert_eq!(
+                names.map(|path| path.file_name().unwrap().to_string_lossy()).join(""),
+                left
+            );
+        }
     }
 }

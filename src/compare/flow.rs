@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail};
 use itertools::Itertools;
 use serde_json::{Value, json};
 
@@ -110,7 +110,6 @@ pub fn measure(
     drop(builds);
     run.instructions(&common)?;
     run.time(&gates.control, &common)?;
-    check_commands(options, &digests, waiting)?;
     let end = ComparisonEnd {
         wall_s: start.elapsed().as_secs_f64(),
         interrupted: waiting.is_interrupted(),
@@ -163,25 +162,6 @@ fn greet(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Resul
         bail!("the sides run on different adapters: the base on {base}, the head on {head}");
     }
     Ok(greetings)
-}
-
-/// No command runs another program than in the beginning. Of other programs there are copies.
-fn check_commands(
-    options: &CompareOptions,
-    before: &[String; 2],
-    waiting: ReplyWait,
-) -> Result<()> {
-    let of_command = |side: &Side| options.programs[*side as usize].start.command.is_some();
-    for side in Side::BOTH.into_iter().filter(of_command).filter(|_| !waiting.is_interrupted()) {
-        let mut build = start_build(options, side, waiting)?;
-        let greeted = build.greet().map_err(|fault| anyhow!("the {side} build: {fault}"));
-        let is_same = greeted.is_ok() && build.digest()? == before[side as usize];
-        ensure!(
-            is_same || waiting.is_interrupted(),
-            "the {side}'s command runs another program than in the beginning: measure again, into another folder"
-        );
-    }
-    Ok(())
 }
 
 /// Of the programs of both sides.
