@@ -98,8 +98,7 @@ impl RevisionBuilds {
             // Damaged, which cargo does not see, or of other flags of the compiler than the last.
             let mut clean = cargo();
             clean.args(["clean", "--release", "-p", target.package, "--target-dir"]).arg(&built);
-            process::run_for_stdout(clean.current_dir(source))
-                .map_err(|error| anyhow!("`cargo clean` of a damaged program failed: {error}"))?;
+            process::run_for_stdout(clean.current_dir(source)).context("`cargo clean` failed")?;
             program = compile()?;
         }
         folder::write(&kept_sum, sum(&program)?.as_bytes())?;
@@ -114,8 +113,9 @@ fn user_cache() -> Result<PathBuf> {
 /// A cache folder, unless it lies in the repository.
 fn outside(repository: &Path, cache: &Path) -> Result<PathBuf> {
     let cache = std::path::absolute(cache)?;
+    let there = cache.ancestors().find(|folder| folder.is_dir()).unwrap_or(&cache);
     ensure!(
-        !cache.starts_with(repository),
+        self::repository(there).ok().as_deref() != Some(repository),
         "the cache folder {} lies in the repository, whose configuration cargo would take for a base's: choose another by XDG_CACHE_HOME",
         cache.display()
     );
