@@ -10,8 +10,9 @@ use jiff::tz::TimeZone;
 use rusqlite::Row;
 
 use super::History;
+use super::origin::{DIRTY, places};
 use super::run::{FigureKey, NANOSECONDS, Name, shorten};
-use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
+use super::store::SERIES_COLUMNS;
 use fathom_base::text::line;
 use fathom_record::{Estimate, Interval};
 use fathom_report::format::NS_PER_MS;
@@ -25,6 +26,8 @@ pub struct StoredRun {
     pub commit: String,
     /// Of the commit, seconds of Unix time.
     pub committed_at: i64,
+    /// Of the commit among those that the repository here has.
+    pub place: Option<(i64, usize)>,
     pub branch: String,
     pub machine: String,
     pub adapter: String,
@@ -36,9 +39,31 @@ pub struct StoredRun {
 }
 
 impl StoredRun {
-    /// Beginning of its commit's name.
+    /// Beginning of its commit's name, and whether files differed from it.
     pub fn short_commit(&self) -> String {
-        shorten(&self.commit)
+        shorten(&self.commit) + if self.commit.ends_with(DIRTY) { DIRTY } else { "" }
+    }
+
+    /// Of the columns [`RUN_COLUMNS`].
+    pub(super) fn from_row(row: &Row<'_>) -> rusqlite::Result<Self> {
+        Ok(Self {
+            id: row.get(0)?,
+            digest: row.get(1)?,
+            commit: row.get(2)?,
+            committed_at: row.get(3)?,
+            place: None,
+            branch: row.get(4)?,
+            machine: row.get(5)?,
+            adapter: row.get(6)?,
+            driver: row.get(7)?,
+            started_at: row.get(8)?,
+            cells: row.get(9)?,
+            figures: row.get(10)?,
+        })
+    }
+
+    fn clean_commit(&self) -> &str {
+        self.commit.strip_suffix(DIRTY).unwrap_or(&self.commit)
     }
 
     pub fn short_digest(&self) -> String {
@@ -112,7 +137,7 @@ pub struct RunValue {
     pub value: Estimate,
 }
 
-/// Runs in the order of their commits' dates, those of one commit as they started; and series over them.
+/// Runs in the order of their commits, those of one commit as they started; and series over them.
 #[derive(Clone, Debug, Default)]
 pub struct StoredRuns {
     pub runs: Vec<StoredRun>,
@@ -143,13 +168,20 @@ pub struct Selection {
 impl History {
     /// The runs that a selection leaves, in their order.
     pub fn runs(&self, selection: &Selection) -> anyhow::Result<Vec<StoredRun>> {
-        let statement =
-            format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
-        let mut statement = self.connection.prepare(&statement)?;
-        let mut runs: Vec<StoredRun> = statement.query_map([], from_row)?.try_collect()?;
+        let mut runs = self.unordered_runs()?;
+        let places = places(runs.iter().map(StoredRun::clean_commit).unique());
+        for run in &mut runs {
+            run.place = places.get(run.clean_commit()).copied();
+        }
+        let key = |run: &StoredRun| {
+            (run.place.unwrap_or((run.committed_at, 0)), run.started_at.clone(), run.id)
+        };
+        runs.sort_by_cached_key(key);
         if let Some(since) = &selection.since {
-            let since = moment(since, &runs)?;
-            runs.retain(|run| run.committed_at >= since);
+            match moment(since) {
+                Some(since) => runs.retain(|run| run.committed_at >= since),
+                None => drop(runs.drain(..first_of(since, &runs)?)),
+            }
         }
         if let Some(branch) = &selection.branch {
             runs.retain(|run| run.branch == *branch);
@@ -196,8 +228,6 @@ impl History {
 
     /// Ids of series, with their machines and figures.
     fn keys(&self, selection: &Selection) -> anyhow::Result<Vec<(i64, Name, FigureKey)>> {
-        let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
-        let mut statement = self.connection.prepare(&statement)?;
         let of_row = |row: &Row<'_>| {
             let name = |column: usize| Ok(Name::from(row.get::<_, String>(column)?));
             let names: Vec<Name> = (1..=9).map(name).collect::<rusqlite::Result<_>>()?;
@@ -205,52 +235,36 @@ impl History {
             let [machine, key @ ..] = names;
             Ok((row.get(0)?, machine, FigureKey::from_names(key)))
         };
-        let keys = statement
-            .query_map([], of_row)?
-            .filter_ok(|(.., key)| selection.is_searched(key) || selection.is_control(key));
-        Ok(keys.try_collect()?)
+        let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
+        let mut keys = self.rows(&statement, [], of_row)?;
+        keys.retain(|(.., key)| selection.is_searched(key) || selection.is_control(key));
+        Ok(keys)
     }
 
     /// Ids of runs with their values in a series.
     fn values(&self, series: i64) -> anyhow::Result<Vec<(i64, Estimate)>> {
         let statement = "SELECT run, median, low, high, n FROM fathom_figure WHERE series = ?";
-        let mut statement = self.connection.prepare_cached(statement)?;
         let of_row = |row: &Row<'_>| {
             let ends: (Option<f64>, Option<f64>) = (row.get(2)?, row.get(3)?);
             let interval = ends.0.zip(ends.1).map(|(low, high)| Interval { low, high });
             let n = row.get::<_, u32>(4)? as usize;
             Ok((row.get(0)?, Estimate { median: row.get(1)?, interval, n }))
         };
-        Ok(statement.query_map([series], of_row)?.try_collect()?)
+        self.rows(statement, [series], of_row)
     }
 }
 
-/// Of the columns [`RUN_COLUMNS`].
-fn from_row(row: &Row<'_>) -> rusqlite::Result<StoredRun> {
-    Ok(StoredRun {
-        id: row.get(0)?,
-        digest: row.get(1)?,
-        commit: row.get(2)?,
-        committed_at: row.get(3)?,
-        branch: row.get(4)?,
-        machine: row.get(5)?,
-        adapter: row.get(6)?,
-        driver: row.get(7)?,
-        started_at: row.get(8)?,
-        cells: row.get(9)?,
-        figures: row.get(10)?,
-    })
-}
-
-/// Seconds of Unix time of a date (its beginning, UTC), a moment, or a commit of these runs.
-fn moment(since: &str, runs: &[StoredRun]) -> anyhow::Result<i64> {
+/// Seconds of Unix time of a date (its beginning, UTC) or a moment.
+fn moment(since: &str) -> Option<i64> {
     let date = since.parse::<Date>().ok().filter(|_| !since.contains('T'));
     let date = date.and_then(|date| date.to_zoned(TimeZone::UTC).ok()).map(|day| day.timestamp());
-    let moment = date.or_else(|| since.parse().ok()).map(Timestamp::as_second);
-    let commit = || runs.iter().find(|run| run.commit.starts_with(since));
-    let found = moment.or_else(|| commit().map(|run| run.committed_at));
-    found.with_context(|| {
-        let since = line(since);
+    date.or_else(|| since.parse().ok()).map(Timestamp::as_second)
+}
+
+/// The first run of a commit.
+fn first_of(commit: &str, runs: &[StoredRun]) -> anyhow::Result<usize> {
+    runs.iter().position(|run| run.commit.starts_with(commit)).with_context(|| {
+        let since = line(commit);
         format!("`{since}` is neither a date such as 2026-01-31 nor a commit of this history")
     })
 }

@@ -30,10 +30,23 @@ pub fn runs(runs: &[StoredRun]) -> String {
             format!("{}, {}", run.adapter, run.driver),
         ]
     });
-    document::terminal(&[Block::Table(Table::new("Runs", head).with_rows(rows))]).trim().to_owned()
+    let table = Block::Table(Table::new("Runs", head).with_rows(rows));
+    let parts = [Some(table), by_date(runs).map(Block::paragraph)];
+    document::terminal(&parts.into_iter().flatten().collect::<Vec<_>>()).trim().to_owned()
 }
 
-/// What was searched and what was found, in one or two sentences.
+/// That dates decide, where the repository here does not have all commits.
+fn by_date(runs: &[StoredRun]) -> Option<String> {
+    let count = runs.iter().filter(|run| run.place.is_none()).count();
+    (count > 0).then(|| {
+        format!(
+            "Not in the order of commits: {count} runs stand where the dates of their commits put them, as git here does not have these. Run this in \
+             a whole clone of the repository."
+        )
+    })
+}
+
+/// What was searched and what was found, in some sentences.
 pub fn headline(stored: &StoredRuns, findings: &HistoryChanges) -> String {
     let HistoryChanges { changes, searched, too_short } = findings;
     let runs = stored.runs.len();
@@ -54,7 +67,8 @@ pub fn headline(stored: &StoredRuns, findings: &HistoryChanges) -> String {
     if drift > 0 {
         headline += &format!(". Machine drift, which the controls share: {drift}");
     }
-    if changes.is_empty() { headline + ". No change." } else { headline + "." }
+    headline += if changes.is_empty() { ". No change." } else { "." };
+    by_date(&stored.runs).map_or(headline.clone(), |by_date| format!("{headline} {by_date}"))
 }
 
 /// The two commits between which a figure changed.

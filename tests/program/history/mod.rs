@@ -6,7 +6,7 @@ mod made;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{Ends, Place, fathom, holds};
+use crate::common::{Ends, Place, fathom, git, holds};
 use made::{CELLS, FIGURES_OF_A_CELL, Repository, records, with_limit};
 use serde_json::Value;
 
@@ -42,7 +42,7 @@ fn changes(folder: &Path, db: &str) -> Value {
 #[test]
 fn runs_are_kept_once_in_the_order_of_their_commits() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let repository = Repository::new(place.path("repository"), 2);
+    let repository = Repository::new(place.path("repository"), 0..2);
     let here = &repository.folder;
     let history = |words: &str| history(here, db, words);
     let records = [records(1, CELLS, 5e6), records(2, CELLS, 5e6)];
@@ -70,7 +70,7 @@ fn runs_are_kept_once_in_the_order_of_their_commits() {
 #[test]
 fn machines_are_told_apart() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let repository = Repository::new(place.path("machines"), 3);
+    let repository = Repository::new(place.path("machines"), 0..3);
     let here = &repository.folder;
     let run = "machines/run/records.jsonl";
     let nights = [["n1", "n2"], ["n1", "n2"], ["n2", "n1"]];
@@ -94,7 +94,7 @@ fn machines_are_told_apart() {
 #[test]
 fn the_commits_of_a_change_are_named() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let Repository { folder: here, commits } = &Repository::new(place.path("days"), 40);
+    let Repository { folder: here, commits } = &Repository::new(place.path("days"), 0..40);
     for (day, commit) in commits.iter().enumerate() {
         let ns = if day >= 25 { 5.5e6 } else { 5e6 };
         place.write("days/run/records.jsonl", records(day, CELLS, ns));
@@ -124,6 +124,75 @@ fn the_commits_of_a_change_are_named() {
     let parts = ["id=\"history\"", "own n=0 caustics/trace", after, "class=\"chip bad\""];
     holds(&page, &parts);
     history(here, db, "show nowhere --out x").refused("nothing in this history fits `nowhere`");
+}
+
+/// The last four commits were made before the ten below them.
+#[test]
+fn ancestry_and_not_dates_decides_the_order() {
+    let (place, db) = (Place::new(), "../history.sqlite");
+    let days = (10..20).chain([4, 3, 2, 1]);
+    let Repository { folder: here, commits } = &Repository::new(place.path("here"), days);
+    for (at, commit) in commits.iter().enumerate() {
+        place.write("here/run/records.jsonl", records(at, 1, 5e6));
+        history(here, db, add("run", commit)).ends(0);
+    }
+    let url = format!("file://{}", here.display());
+    git(place.path("")).args(["clone", "--quiet", "--depth=1", &url, "shallow"]).ends(0);
+    let [whole, shallow] = ["here", "shallow"].map(|folder| place.path(folder));
+    let by_date = "Not in the order of commits: 13 runs stand where";
+    for words in ["list", "changes"] {
+        holds(&history(&shallow, db, words).answer(), &[by_date]);
+        assert!(!history(&whole, db, words).answer().contains("Not in the order"));
+    }
+    let listed = history(&whole, db, "list").answer();
+    assert!(commits.iter().map(|commit| listed.find(&commit[..10]).unwrap()).is_sorted());
+}
+
+#[test]
+fn the_records_say_of_which_commit_they_are() {
+    let (place, db) = (Place::new(), "../history.sqlite");
+    let Repository { folder: here, commits } = &Repository::new(place.path("here"), 0..3);
+    let history = |words: &str| history(here, db, words);
+    let [first, second, _] = [0, 1, 2].map(|at| commits[at].as_str());
+    let run = |at, commit, dirty| made::with_build(&records(at, CELLS, 5e6), commit, dirty);
+    place.write("clean/records.jsonl", run(1, first, false));
+    place.write("dirty/records.jsonl", run(2, second, true));
+    place.write("two/records.jsonl", run(3, first, false) + &run(4, second, false));
+    place.write("other/records.jsonl", run(5, "c0ffee", false));
+    history("add ../clean --commit HEAD").refused("leave out --commit");
+    history("add ../two").refused("was measured by several builds");
+    history("add ../other").refused("of which branch is this run?");
+    holds(&history("add ../clean --commit HEAD~2").answer(), &[first, "on main"]);
+    let output = history("add ../dirty").env("GITHUB_SHA", "c0ffee").answer();
+    holds(&output, &[&format!("{second}-dirty on main")]);
+    holds(&history("list").answer(), &[&format!(" {}-dirty ", &second[..10])]);
+}
+
+/// Reading any of these would not end, or would take gigabytes.
+#[test]
+fn only_tables_that_fathom_made_are_read() {
+    let (place, history) = sqlite();
+    let endless = "WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)";
+    for (made, name) in [
+        (format!("VIEW fathom_run AS {endless} SELECT id FROM n"), "fathom_run"),
+        (format!("VIEW Fathom_Run AS {endless} SELECT id FROM n"), "Fathom_Run"),
+        ("VIRTUAL TABLE fathom_run USING fts4 (id)".to_owned(), "fathom_run"),
+        ("TABLE fathom_run (a, id AS (hex(zeroblob(900000000))))".to_owned(), "fathom_run"),
+        (
+            format!(
+                "TRIGGER t AFTER INSERT ON fathom_series BEGIN DELETE FROM fathom_figure WHERE series IN ({endless} SELECT id FROM n); END"
+            ),
+            "t",
+        ),
+    ] {
+        let _ = std::fs::remove_file(place.path("history.sqlite"));
+        history(&add("run", "c0ffee")).ends(0);
+        let connection = rusqlite::Connection::open(place.path("history.sqlite")).unwrap();
+        connection.execute_batch(&format!("DROP TABLE fathom_run; CREATE {made}")).unwrap();
+        for words in ["list", "changes", "show --out page", &add("run", "c0ffee")] {
+            history(words).refused(&format!("`{name}` in it was not made by this build"));
+        }
+    }
 }
 
 const FIGURES: &str =
@@ -221,8 +290,7 @@ fn other_databases_are_left_as_they_are() {
         connection.execute_batch(statements).unwrap();
     };
     tables("other.sqlite", "CREATE TABLE notes (t TEXT)");
-    let newer =
-        "CREATE TABLE fathom_history (format BIGINT); INSERT INTO fathom_history VALUES (9)";
+    let newer = "CREATE TABLE fathom_history (format INTEGER NOT NULL); INSERT INTO fathom_history VALUES (9)";
     tables("newer.sqlite", newer);
     place.write("text", "no database at all");
     let mut bytes = std::fs::read(place.path("other.sqlite")).unwrap();
