@@ -24,7 +24,7 @@ pub struct Device {
     pub unchecked: bool,
     faults: Arc<Mutex<DeviceFaults>>,
     on_fault: Option<OnFault>,
-    pub(crate) longest_submission: Duration,
+    longest_submission: Duration,
 }
 
 /// Called when an error scope has caught a fault.
@@ -129,7 +129,7 @@ impl Device {
             wgpu::ErrorFilter::Internal,
         ];
         let [validation, memory, internal] = filters.map(|f| self.device.push_error_scope(f));
-        let result = catch_panic(f);
+        let result = catch_panic(f).map_err(|panic| self.lose(panic));
         let captured = [internal, memory, validation].map(|scope| pollster::block_on(scope.pop()));
         self.pending_fault()?;
         match captured.into_iter().flatten().next() {
@@ -137,10 +137,7 @@ impl Device {
                 self.on_fault.iter().for_each(|on_fault| on_fault());
                 Err(DeviceError::from(error).into())
             }
-            None => result.unwrap_or_else(|panic| {
-                self.lose(panic.clone());
-                Err(DeviceError::Lost(panic).into())
-            }),
+            None => result.unwrap_or_else(|()| unreachable!("the device is lost")),
         }
     }
 
@@ -199,20 +196,15 @@ impl Device {
     }
 
     /// A buffer with content. Where there is no memory for it, the scope has the error; wgpu's own function panics.
-    pub fn filled_buffer(
-        &self,
-        label: &str,
-        content: &[u8],
-        usage: wgpu::BufferUsages,
-    ) -> wgpu::Buffer {
+    pub fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
-            size: (content.len() as u64).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
+            size: (bytes.len() as u64).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
             usage,
-            mapped_at_creation: !content.is_empty(),
+            mapped_at_creation: !bytes.is_empty(),
         });
         if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
-            view.slice(..content.len()).copy_from_slice(content);
+            view.slice(..bytes.len()).copy_from_slice(bytes);
             drop(view);
             buffer.unmap();
         }
@@ -254,11 +246,7 @@ impl Device {
         });
         self.wait()?;
         let failed = |error: &dyn std::fmt::Display| DeviceError::ReadBack(error.to_string());
-        match receiver.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(failed(&error)),
-            Err(error) => return Err(failed(&error)),
-        }
+        receiver.try_recv().map_err(|e| failed(&e))?.map_err(|e| failed(&e))?;
         let view = buffer.get_mapped_range(..bytes).map_err(|error| failed(&error))?;
         let value = read(&view);
         drop(view);

@@ -5,8 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 
-use super::run::{NewRun, shorten};
-use fathom_base::text::line;
+use super::NewRun;
 use fathom_base::{private, process};
 
 /// What the user says. The rest is found out.
@@ -52,31 +51,26 @@ const BRANCH_VARIABLES: [&str; 2] = ["GITHUB_REF_NAME", "CI_COMMIT_REF_NAME"];
 /// Digits of the shortest hash that git takes, and of a whole one.
 const SHORTEST_HASH: usize = 4;
 const WHOLE_HASH: usize = 40;
-
 /// Behind the name of a commit from which files differed, as `git describe` has it.
 pub(super) const DIRTY: &str = "-dirty";
 
 /// The first that there is: what was said, the job's variables, git's HEAD of the current folder. But of its commit the run decides.
-///
-/// # Errors
-/// Another commit was said, or nothing tells commit or branch.
 pub fn origin(said: &OriginArgs, run: &NewRun) -> anyhow::Result<Origin> {
     let commit = match (&run.build.commit, &said.commit) {
         (None, _) => said_commit(said)?,
-        (Some(built), Some(name)) if resolve(name).as_ref() != Ok(built) && name != built => bail!(
-            "run {} was measured by a build of commit {}, and not of `{}`: leave out --commit",
-            shorten(&run.digest),
-            line(built),
-            line(name)
-        ),
+        (Some(built), Some(name)) if resolve(name).as_ref() != Ok(built) && name != built => {
+            bail!(
+                "the build of this run is of commit {built}, and not of `{name}`: leave out --commit"
+            )
+        }
         (Some(built), _) => built.clone(),
     };
     let branch = said.branch.clone().or_else(|| variable(BRANCH_VARIABLES));
-    let is_here = || git(&["merge-base", "--is-ancestor", &commit, "HEAD"]).ok();
-    let head = || git(&["symbolic-ref", "--quiet", "--short", "HEAD"]).ok();
+    let is_here = || git(&["merge-base", "--is-ancestor", &commit, "HEAD"]);
+    let head = |_| git(&["symbolic-ref", "--quiet", "--short", "HEAD"]);
     Ok(Origin {
         committed_at: committed_at(&commit),
-        branch: branch.or_else(|| is_here().and_then(|_| head())).context(
+        branch: branch.or_else(|| is_here().and_then(head).ok()).context(
             "of which branch is this run? There is no --branch, no GITHUB_REF_NAME or CI_COMMIT_REF_NAME, and git's HEAD is on no branch that holds its commit",
         )?,
         commit: commit + if run.build.dirty { DIRTY } else { "" },
@@ -107,11 +101,10 @@ fn resolve(name: &str) -> Result<String, String> {
 
 /// Where those of these commits stand that the repository here has: each behind all commits before it, whatever their dates say, and
 /// else by its date. Before the place stands the latest date up to there.
-pub(super) fn places<'a>(commits: impl Iterator<Item = &'a str>) -> HashMap<String, (i64, usize)> {
-    let mut arguments =
-        vec!["rev-list", "--timestamp", "--date-order", "--reverse", "--ignore-missing"];
-    arguments.extend(commits.filter(|commit| is_hash(commit, WHOLE_HASH)));
-    let listed = git(&arguments).unwrap_or_default();
+pub(super) fn places(commits: Vec<String>) -> HashMap<String, (i64, usize)> {
+    let list = ["rev-list", "--timestamp", "--date-order", "--reverse", "--ignore-missing"];
+    let commits = commits.iter().filter(|commit| is_hash(commit, WHOLE_HASH)).map(|name| &**name);
+    let listed = git(&list.into_iter().chain(commits).collect::<Vec<_>>()).unwrap_or_default();
     let mut latest = i64::MIN;
     let place = |(place, line): (usize, &str)| {
         let (date, commit) = line.split_once(' ')?;

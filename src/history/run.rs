@@ -168,9 +168,7 @@ impl RunContents {
             bail!("{path} holds a comparison, and a history stores runs only");
         }
         if self.builds.len() > 1 {
-            bail!(
-                "{path} was measured by several builds, and a run of a history is of one: measure it again, into another folder"
-            );
+            bail!("{path} was measured by several builds: measure it again, in another folder");
         }
         let header = self.first.take();
         header.with_context(|| {

@@ -1,18 +1,15 @@
 //! A history's file of SQLite, and adding runs to it. Values are bound, never written into a statement.
 
-use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, anyhow, bail, ensure};
 use itertools::Itertools;
 use jiff::Timestamp;
-use rusqlite::{
-    Connection, OpenFlags, OptionalExtension, Params, Row, TransactionBehavior, params,
-};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
 use super::run::{NewFigure, NewRun, shorten};
-use super::{FORMAT, Origin, StoredRun};
+use super::{FORMAT, Origin};
 use fathom_base::text::line;
 
 /// How long a writer waits for another one.
@@ -20,21 +17,17 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 /// Of a series, after its id; the machine and then a figure's key.
 pub(super) const SERIES_COLUMNS: &str =
     "machine, adapter, driver, profile, cell, configuration, figure, unit, clock";
-const RUN_COLUMNS: &str = "id, digest, commit_name, committed_at, branch, machine, adapter, driver, started_at, cells, figures";
-/// As SQLite keeps them.
-const TABLES: [&str; 4] = [
-    "CREATE TABLE fathom_run (id INTEGER PRIMARY KEY, digest TEXT NOT NULL UNIQUE, commit_name TEXT NOT NULL,
+pub(super) const RUN_COLUMNS: &str = "id, digest, commit_name, committed_at, branch, machine, adapter, driver, started_at, cells, figures";
+const TABLES: &str = "
+    CREATE TABLE fathom_run (id INTEGER PRIMARY KEY, digest TEXT NOT NULL UNIQUE, commit_name TEXT NOT NULL,
         committed_at INTEGER NOT NULL, branch TEXT NOT NULL, machine TEXT NOT NULL, adapter TEXT NOT NULL, driver TEXT NOT NULL,
-        started_at TEXT NOT NULL, cells INTEGER NOT NULL, figures INTEGER NOT NULL)",
-    "CREATE TABLE fathom_series (id INTEGER PRIMARY KEY, machine TEXT NOT NULL, adapter TEXT NOT NULL, driver TEXT NOT NULL,
+        started_at TEXT NOT NULL, cells INTEGER NOT NULL, figures INTEGER NOT NULL);
+    CREATE TABLE fathom_series (id INTEGER PRIMARY KEY, machine TEXT NOT NULL, adapter TEXT NOT NULL, driver TEXT NOT NULL,
         profile TEXT NOT NULL, cell TEXT NOT NULL, configuration TEXT NOT NULL, figure TEXT NOT NULL, unit TEXT NOT NULL,
-        clock TEXT NOT NULL, UNIQUE (machine, adapter, driver, profile, cell, configuration, figure, unit, clock))",
-    "CREATE TABLE fathom_figure (series INTEGER NOT NULL, run INTEGER NOT NULL, median REAL NOT NULL, low REAL, high REAL,
-        n INTEGER NOT NULL, PRIMARY KEY (series, run)) WITHOUT ROWID",
-    "CREATE TABLE fathom_history (format INTEGER NOT NULL)",
-];
-/// A row of the file has more than three times as many bytes, and a command reads each of its three tables once.
-const BYTES_OF_A_ROW: u64 = 4;
+        clock TEXT NOT NULL, UNIQUE (machine, adapter, driver, profile, cell, configuration, figure, unit, clock));
+    CREATE TABLE fathom_figure (series INTEGER NOT NULL, run INTEGER NOT NULL, median REAL NOT NULL, low REAL, high REAL,
+        n INTEGER NOT NULL, PRIMARY KEY (series, run)) WITHOUT ROWID;
+    CREATE TABLE fathom_history (format INTEGER NOT NULL);";
 const ADD_SERIES: &str = "INSERT OR IGNORE INTO fathom_series
     (machine, adapter, driver, profile, cell, configuration, figure, unit, clock) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)";
 const FIND_SERIES: &str = "SELECT id FROM fathom_series WHERE machine = ? AND adapter = ? AND driver = ? AND profile = ? AND cell = ?
@@ -43,9 +36,7 @@ const FIND_SERIES: &str = "SELECT id FROM fathom_series WHERE machine = ? AND ad
 /// An open history.
 pub struct History {
     path: PathBuf,
-    connection: Connection,
-    /// So many rows may be read until one is too many.
-    rows_left: Cell<usize>,
+    pub(super) connection: Connection,
 }
 
 /// What became of a run that was to be added.
@@ -89,7 +80,7 @@ impl History {
         let connection = opened
             .map_err(|error| anyhow!("{}: {}", named(path), why(error).unwrap_or_default()))?;
         connection.busy_timeout(BUSY_TIMEOUT)?;
-        Ok(History { path: path.to_owned(), connection, rows_left: Cell::default() })
+        Ok(History { path: path.to_owned(), connection })
     }
 
     /// Whether the tables are there, in this build's format.
@@ -99,39 +90,16 @@ impl History {
         is_made(&self.connection).map_err(quoted)
     }
 
-    /// All runs. From here on a command may read as many rows as fit into the file.
-    pub(super) fn unordered_runs(&self) -> anyhow::Result<Vec<StoredRun>> {
-        let bytes = std::fs::metadata(&self.path)?.len();
-        self.rows_left.set((bytes / BYTES_OF_A_ROW) as usize);
-        self.rows(&format!("SELECT {RUN_COLUMNS} FROM fathom_run"), [], StoredRun::from_row)
-    }
-
-    /// The rows of a statement. Where pages of a damaged file refer to one another they do not end.
-    pub(super) fn rows<T>(
-        &self,
-        statement: &str,
-        params: impl Params,
-        of_row: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
-    ) -> anyhow::Result<Vec<T>> {
-        let mut statement = self.connection.prepare_cached(statement)?;
-        let left = self.rows_left.get();
-        let rows: Vec<T> = statement.query_map(params, of_row)?.take(left).try_collect()?;
-        let damaged = || format!("{} is damaged: its rows do not end", named(&self.path));
-        self.rows_left.set(left.checked_sub(rows.len() + 1).with_context(damaged)?);
-        Ok(rows)
-    }
-
     /// Stores a run, all or nothing. The same run again changes nothing.
     ///
     /// # Errors
     /// Where the same records are stored as another commit's or branch's.
     pub fn add(&mut self, run: &NewRun, origin: &Origin) -> anyhow::Result<Added> {
-        let earlier = if self.is_made()? { self.unordered_runs()? } else { Vec::new() };
         let immediate = TransactionBehavior::Immediate;
         let transaction = self.connection.transaction_with_behavior(immediate)?;
         // Another process may have made them meanwhile.
         if !is_made(&transaction)? {
-            transaction.execute_batch(&TABLES.join(";"))?;
+            transaction.execute_batch(TABLES)?;
             transaction.execute("INSERT INTO fathom_history (format) VALUES (?)", [FORMAT])?;
         } else if has(&transaction, run, origin)? {
             return Ok(Added::Already);
@@ -145,7 +113,7 @@ impl History {
             params![
                 run.digest,
                 origin.commit,
-                commit_time(&earlier, run, origin)?,
+                commit_time(&transaction, run, origin)?,
                 origin.branch,
                 machines.iter().unique().join(", "),
                 run.adapter,
@@ -173,7 +141,7 @@ fn named(path: &Path) -> String {
 
 fn is_made(connection: &Connection) -> anyhow::Result<bool> {
     let made = "SELECT name, tbl_name, sql FROM sqlite_master WHERE sql IS NOT NULL";
-    let row = |row: &Row<'_>| Ok([row.get(0)?, row.get(1)?, row.get(2)?]);
+    let row = |row: &rusqlite::Row<'_>| Ok([row.get(0)?, row.get(1)?, row.get(2)?]);
     let made: Vec<[String; 3]> = connection.prepare(made)?.query_map([], row)?.try_collect()?;
     if !made.iter().any(|[name, ..]| name == "fathom_history") {
         let is_empty = made.is_empty();
@@ -182,11 +150,9 @@ fn is_made(connection: &Connection) -> anyhow::Result<bool> {
     }
     // A view, a virtual table, a computed column, or an index or a trigger on a table may do anything.
     let is_own = |table: &str| table.to_lowercase().starts_with("fathom_");
-    let is_foreign = |[_, table, sql]: &&[String; 3]| is_own(table) && !TABLES.contains(&&**sql);
+    let is_foreign = |[_, table, sql]: &&[String; 3]| is_own(table) && !TABLES.contains(&**sql);
     if let Some([name, ..]) = made.iter().find(is_foreign) {
-        bail!(
-            "`{name}` in it was not made by this build of fathom, so nothing was read: begin another history"
-        );
+        bail!("`{name}` in it was not made by this build of fathom: begin another history");
     }
     let format: i64 =
         connection.query_row("SELECT format FROM fathom_history", [], |row| row.get(0))?;
@@ -194,13 +160,19 @@ fn is_made(connection: &Connection) -> anyhow::Result<bool> {
         format == FORMAT,
         "it has history format {format}, but this build reads format {FORMAT}: use the build that wrote it"
     );
+    // Pages of a damaged table may refer to one another without end.
+    for [table, ..] in made.iter().filter(|[_, table, _]| is_own(table)) {
+        let check = format!("PRAGMA quick_check({table})");
+        let found: String = connection.query_row(&check, [], |row| row.get(0))?;
+        ensure!(found == "ok", "its table {table} is damaged: {found}");
+    }
     Ok(true)
 }
 
 /// The run is stored as one of this commit, on this branch.
 fn has(connection: &Connection, run: &NewRun, origin: &Origin) -> anyhow::Result<bool> {
     let statement = "SELECT commit_name, branch FROM fathom_run WHERE digest = ?";
-    let place = |row: &Row<'_>| Ok([row.get(0)?, row.get(1)?]);
+    let place = |row: &rusqlite::Row<'_>| Ok([row.get(0)?, row.get(1)?]);
     let found = connection.query_row(statement, [&run.digest], place).optional()?;
     let Some([commit, branch]): Option<[String; 2]> = found else { return Ok(false) };
     if commit == origin.commit && branch == origin.branch {
@@ -215,11 +187,14 @@ fn has(connection: &Connection, run: &NewRun, origin: &Origin) -> anyhow::Result
 }
 
 /// As git says; else as the commit's first run was placed; else when this run started.
-fn commit_time(earlier: &[StoredRun], run: &NewRun, origin: &Origin) -> anyhow::Result<i64> {
-    let is_of_commit = |stored: &&StoredRun| stored.commit == origin.commit;
-    let stored = || earlier.iter().find(is_of_commit).map(|stored| stored.committed_at);
+fn commit_time(connection: &Connection, run: &NewRun, origin: &Origin) -> anyhow::Result<i64> {
+    if let Some(time) = origin.committed_at {
+        return Ok(time);
+    }
+    let statement = "SELECT committed_at FROM fathom_run WHERE commit_name = ? ORDER BY id LIMIT 1";
+    let earlier = connection.query_row(statement, [&origin.commit], |row| row.get(0)).optional()?;
     let started = || run.started_at.parse().ok().map(Timestamp::as_second);
-    origin.committed_at.or_else(stored).or_else(started).with_context(|| {
+    earlier.or_else(started).with_context(|| {
         let commit = line(&origin.commit);
         format!(
             "no repository here has commit {commit}, and the run does not say when it started, so its place in the series is unknown"
@@ -246,22 +221,4 @@ fn add_figures(
         put.execute(params![series, run, value.median, ends.0, ends.1, value.n as i64])?;
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_that_do_not_end_are_refused() {
-        let connection = Connection::open_in_memory().unwrap();
-        let history = History { path: "h".into(), connection, rows_left: Cell::new(100) };
-        let read = |rows: &str| {
-            let all =
-                "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x FROM n";
-            history.rows(&format!("{all} {rows}"), [], |row| row.get::<_, i64>(0))
-        };
-        assert_eq!(read("LIMIT 50").unwrap().len(), 50);
-        assert_eq!(read("").unwrap_err().to_string(), "h is damaged: its rows do not end");
-    }
 }

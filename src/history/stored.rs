@@ -12,7 +12,7 @@ use rusqlite::Row;
 use super::History;
 use super::origin::{DIRTY, places};
 use super::run::{FigureKey, NANOSECONDS, Name, shorten};
-use super::store::SERIES_COLUMNS;
+use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
 use fathom_record::{Estimate, Interval};
 use fathom_report::format::NS_PER_MS;
@@ -44,26 +44,8 @@ impl StoredRun {
         shorten(&self.commit) + if self.commit.ends_with(DIRTY) { DIRTY } else { "" }
     }
 
-    /// Of the columns [`RUN_COLUMNS`].
-    pub(super) fn from_row(row: &Row<'_>) -> rusqlite::Result<Self> {
-        Ok(Self {
-            id: row.get(0)?,
-            digest: row.get(1)?,
-            commit: row.get(2)?,
-            committed_at: row.get(3)?,
-            place: None,
-            branch: row.get(4)?,
-            machine: row.get(5)?,
-            adapter: row.get(6)?,
-            driver: row.get(7)?,
-            started_at: row.get(8)?,
-            cells: row.get(9)?,
-            figures: row.get(10)?,
-        })
-    }
-
-    fn clean_commit(&self) -> &str {
-        self.commit.strip_suffix(DIRTY).unwrap_or(&self.commit)
+    fn order(&self) -> (i64, usize) {
+        self.place.unwrap_or((self.committed_at, 0))
     }
 
     pub fn short_digest(&self) -> String {
@@ -168,20 +150,17 @@ pub struct Selection {
 impl History {
     /// The runs that a selection leaves, in their order.
     pub fn runs(&self, selection: &Selection) -> anyhow::Result<Vec<StoredRun>> {
-        let mut runs = self.unordered_runs()?;
-        let places = places(runs.iter().map(StoredRun::clean_commit).unique());
-        for run in &mut runs {
-            run.place = places.get(run.clean_commit()).copied();
-        }
-        let key = |run: &StoredRun| {
-            (run.place.unwrap_or((run.committed_at, 0)), run.started_at.clone(), run.id)
-        };
-        runs.sort_by_cached_key(key);
+        let statement =
+            format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
+        let mut statement = self.connection.prepare(&statement)?;
+        let mut runs: Vec<StoredRun> = statement.query_map([], from_row)?.try_collect()?;
+        let commit = |run: &StoredRun| run.commit.trim_end_matches(DIRTY).to_owned();
+        let places = places(runs.iter().map(commit).unique().collect());
+        runs.iter_mut().for_each(|run| run.place = places.get(&commit(run)).copied());
+        runs.sort_by_key(StoredRun::order);
         if let Some(since) = &selection.since {
-            match moment(since) {
-                Some(since) => runs.retain(|run| run.committed_at >= since),
-                None => drop(runs.drain(..first_of(since, &runs)?)),
-            }
+            let since = first(since, &runs)?;
+            runs.retain(|run| run.order() >= since);
         }
         if let Some(branch) = &selection.branch {
             runs.retain(|run| run.branch == *branch);
@@ -228,6 +207,8 @@ impl History {
 
     /// Ids of series, with their machines and figures.
     fn keys(&self, selection: &Selection) -> anyhow::Result<Vec<(i64, Name, FigureKey)>> {
+        let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
+        let mut statement = self.connection.prepare(&statement)?;
         let of_row = |row: &Row<'_>| {
             let name = |column: usize| Ok(Name::from(row.get::<_, String>(column)?));
             let names: Vec<Name> = (1..=9).map(name).collect::<rusqlite::Result<_>>()?;
@@ -235,36 +216,52 @@ impl History {
             let [machine, key @ ..] = names;
             Ok((row.get(0)?, machine, FigureKey::from_names(key)))
         };
-        let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
-        let mut keys = self.rows(&statement, [], of_row)?;
-        keys.retain(|(.., key)| selection.is_searched(key) || selection.is_control(key));
-        Ok(keys)
+        let keys = statement
+            .query_map([], of_row)?
+            .filter_ok(|(.., key)| selection.is_searched(key) || selection.is_control(key));
+        Ok(keys.try_collect()?)
     }
 
     /// Ids of runs with their values in a series.
     fn values(&self, series: i64) -> anyhow::Result<Vec<(i64, Estimate)>> {
         let statement = "SELECT run, median, low, high, n FROM fathom_figure WHERE series = ?";
+        let mut statement = self.connection.prepare_cached(statement)?;
         let of_row = |row: &Row<'_>| {
             let ends: (Option<f64>, Option<f64>) = (row.get(2)?, row.get(3)?);
             let interval = ends.0.zip(ends.1).map(|(low, high)| Interval { low, high });
             let n = row.get::<_, u32>(4)? as usize;
             Ok((row.get(0)?, Estimate { median: row.get(1)?, interval, n }))
         };
-        self.rows(statement, [series], of_row)
+        Ok(statement.query_map([series], of_row)?.try_collect()?)
     }
 }
 
-/// Seconds of Unix time of a date (its beginning, UTC) or a moment.
-fn moment(since: &str) -> Option<i64> {
-    let date = since.parse::<Date>().ok().filter(|_| !since.contains('T'));
-    let date = date.and_then(|date| date.to_zoned(TimeZone::UTC).ok()).map(|day| day.timestamp());
-    date.or_else(|| since.parse().ok()).map(Timestamp::as_second)
+/// Of the columns [`RUN_COLUMNS`].
+fn from_row(row: &Row<'_>) -> rusqlite::Result<StoredRun> {
+    Ok(StoredRun {
+        id: row.get(0)?,
+        digest: row.get(1)?,
+        commit: row.get(2)?,
+        committed_at: row.get(3)?,
+        place: None,
+        branch: row.get(4)?,
+        machine: row.get(5)?,
+        adapter: row.get(6)?,
+        driver: row.get(7)?,
+        started_at: row.get(8)?,
+        cells: row.get(9)?,
+        figures: row.get(10)?,
+    })
 }
 
-/// The first run of a commit.
-fn first_of(commit: &str, runs: &[StoredRun]) -> anyhow::Result<usize> {
-    runs.iter().position(|run| run.commit.starts_with(commit)).with_context(|| {
-        let since = line(commit);
+/// Where a date (its beginning, UTC), a moment, or a commit of these runs stands.
+fn first(since: &str, runs: &[StoredRun]) -> anyhow::Result<(i64, usize)> {
+    let date = since.parse::<Date>().ok().filter(|_| !since.contains('T'));
+    let date = date.and_then(|date| date.to_zoned(TimeZone::UTC).ok()).map(|day| day.timestamp());
+    let moment = date.or_else(|| since.parse().ok()).map(|moment| (moment.as_second(), 0));
+    let commit = || runs.iter().find(|run| run.commit.starts_with(since));
+    moment.or_else(|| commit().map(StoredRun::order)).with_context(|| {
+        let since = line(since);
         format!("`{since}` is neither a date such as 2026-01-31 nor a commit of this history")
     })
 }

@@ -30,20 +30,18 @@ pub fn runs(runs: &[StoredRun]) -> String {
             format!("{}, {}", run.adapter, run.driver),
         ]
     });
-    let table = Block::Table(Table::new("Runs", head).with_rows(rows));
-    let parts = [Some(table), by_date(runs).map(Block::paragraph)];
-    document::terminal(&parts.into_iter().flatten().collect::<Vec<_>>()).trim().to_owned()
+    let table = document::terminal(&[Block::Table(Table::new("Runs", head).with_rows(rows))]);
+    format!("{}\n\n{}", table.trim(), by_date(runs)).trim_end().to_owned()
 }
 
-/// That dates decide, where the repository here does not have all commits.
-fn by_date(runs: &[StoredRun]) -> Option<String> {
-    let count = runs.iter().filter(|run| run.place.is_none()).count();
-    (count > 0).then(|| {
-        format!(
-            "Not in the order of commits: {count} runs stand where the dates of their commits put them, as git here does not have these. Run this in \
-             a whole clone of the repository."
-        )
-    })
+/// What dates decide, where the repository here does not have all commits; else empty.
+fn by_date(runs: &[StoredRun]) -> String {
+    match runs.iter().filter(|run| run.place.is_none()).count() {
+        0 => String::new(),
+        count => format!(
+            "Not in the order of commits: {count} runs stand by date, as git here does not have their commits. Run this in a whole clone."
+        ),
+    }
 }
 
 /// What was searched and what was found, in some sentences.
@@ -68,7 +66,7 @@ pub fn headline(stored: &StoredRuns, findings: &HistoryChanges) -> String {
         headline += &format!(". Machine drift, which the controls share: {drift}");
     }
     headline += if changes.is_empty() { ". No change." } else { "." };
-    by_date(&stored.runs).map_or(headline.clone(), |by_date| format!("{headline} {by_date}"))
+    format!("{headline} {}", by_date(&stored.runs)).trim_end().to_owned()
 }
 
 /// The two commits between which a figure changed.

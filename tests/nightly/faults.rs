@@ -4,11 +4,12 @@ use std::path::Path;
 use std::process::Command;
 
 use fathom::record::Outcome;
-use serde_json::json;
+use serde_json::Value;
 
 use super::common::{CommandOutput, Ends, Place, cells, holds};
 
-const LAYER: &str = "VK_LAYER_fathom_faults";
+/// Bytes of the voxels of 24³, which no other buffer has.
+const OF_24: &str = "1728";
 const EXPERIMENT: &str = r#"
 id = "faulty"
 title = "t"
@@ -16,23 +17,17 @@ source = "s"
 pipeline = "voxelize"
 scene = "corner"
 params = { view = { width = 16, height = 16 } }
-sweep = [{ axis = [{ name = "voxel.resolution", values = [16, 20, 24, 32, 40] }] }]
+sweep = [{ axis."voxel.resolution".values = [16, 20, 24, 32, 40] }]
 "#;
 const RUN: &str = "run faulty.toml --out out --budget 600 --precision 1 --no-ceilings --seed 1";
-/// Bytes of the voxels of 24³, which no other buffer has.
-const OF_24: &str = "1728";
 
-/// A folder with the layer, which a C compiler builds, and an experiment.
+/// A folder with the layer, which a C compiler builds, and the experiment.
 fn place() -> Place {
     let place = Place::new();
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/nightly/faults.c");
     let mut build = Command::new("cc");
     build.args(["-shared", "-fPIC", "-O1", "-Wall", "-Werror", "-o"]).arg(place.path("faults.so"));
-    build.arg(source).ends(0);
-    let layer = json!({ "name": LAYER, "type": "GLOBAL", "library_path": place.path("faults.so"),
-        "api_version": "1.3.0", "implementation_version": "1", "description": "faults" });
-    let manifest = json!({ "file_format_version": "1.0.0", "layer": layer });
-    place.write("faults.json", manifest.to_string());
+    build.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/nightly/faults.c")).ends(0);
+    place.write("faults.json", include_str!("faults.json"));
     place.write("faulty.toml", EXPERIMENT);
     place
 }
@@ -40,8 +35,9 @@ fn place() -> Place {
 /// The program with a fault from the first buffer of so many bytes on, or from its begin.
 fn faulty(place: &Place, words: &str, fault: &str, from: &str) -> Command {
     let mut command = place.fathom(words);
-    command.env("VK_LAYER_PATH", place.path("")).env("VK_INSTANCE_LAYERS", LAYER);
-    command.env("WGPU_BACKEND", "vulkan").env("FAULT", fault).env("FAULT_FROM", from);
+    command.env("VK_LAYER_PATH", place.path("")).env("WGPU_BACKEND", "vulkan");
+    command.env("VK_INSTANCE_LAYERS", "VK_LAYER_fathom_faults");
+    command.env("FAULT", fault).env("FAULT_FROM", from);
     command
 }
 
@@ -97,9 +93,8 @@ fn a_fault_before_the_first_cell_ends_the_command() {
         for result in [-2, -4] {
             let mut command = faulty(&place, &render, &format!("vk{call} 1 {result}"), "");
             let output = command.output().unwrap();
-            let status = output.status.code().unwrap();
-            assert!([0, 2].contains(&status), "{call} {result}: {output:?}");
-            CommandOutput::check(output, status);
+            let status = output.status.code().filter(|status| [0, 2].contains(status));
+            CommandOutput::check(output, status.unwrap_or(2));
         }
     }
 }
@@ -108,23 +103,12 @@ fn a_fault_before_the_first_cell_ends_the_command() {
 #[test]
 fn impossible_timestamps_are_refused_and_those_of_any_period_and_width_are_read() {
     let place = place();
-    for (ticks, wrong) in [
-        ("zero", "14 of 14 durations cannot be true"),
-        ("same", "14 of 14 durations cannot be true"),
-        ("backwards", "14 of 14 durations cannot be true"),
-        ("coarse", "timestamps are multiples of 65.5 µs"),
-        ("1,36", ""),
-        ("83,40", ""),
-    ] {
+    let wrong = ["14 of 14 durations cannot be true", "timestamps are multiples of 65.5 µs"];
+    for ticks in ["zero", "same", "backwards", "coarse", "1,36", "83,40"] {
         let audit = faulty(&place, "audit --json", "", "").env("TICKS", ticks).ends(0).json();
         let rows = audit["audit"].as_array().unwrap().iter();
-        let reasons = rows.filter(|row| row["clock"] == "timestamp").map(|row| &row["reason"]);
-        let reasons: Vec<&str> = reasons.map(|reason| reason.as_str().unwrap()).collect();
-        let are_refused = reasons.iter().all(|reason| *reason == wrong);
-        let are_read = ["cannot be true", "multiples"].map(|part| reasons.concat().contains(part));
-        assert!(
-            if wrong.is_empty() { are_read == [false; 2] } else { are_refused },
-            "{ticks}: {reasons:?}"
-        );
+        let mut rows = rows.filter(|row| row["clock"] == "timestamp");
+        let is_wrong = |row: &Value| wrong.contains(&row["reason"].as_str().unwrap());
+        assert!(rows.all(|row| is_wrong(row) != ticks.contains(',')), "{ticks}: {audit:#}");
     }
 }

@@ -92,7 +92,7 @@ fn indices(gpu: &Gpu) -> wgpu::Buffer {
         [first, first + 1, above, above, first + 1, above + 1]
     });
     let contents: Vec<u8> = corners.flat_map(u32::to_le_bytes).collect();
-    gpu.filled_buffer("ceiling", &contents, wgpu::BufferUsages::INDEX)
+    gpu.filled("ceiling", &contents, wgpu::BufferUsages::INDEX)
 }
 
 fn target(gpu: &Gpu, format: wgpu::TextureFormat, [width, height]: [u32; 2]) -> wgpu::Texture {

@@ -380,7 +380,7 @@ impl<'g> Resources<'g> {
             return self.buffer(label, bytes, usage);
         }
         self.note_buffer(label, bytes, usage);
-        Buffer { raw: self.gpu.filled_buffer(label, &content(), usage), bytes, layout: None }
+        Buffer { raw: self.gpu.filled(label, &content(), usage), bytes, layout: None }
     }
 
     /// A storage buffer that shaders fill, the host can read back, and tests can fill.

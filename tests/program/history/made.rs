@@ -68,12 +68,6 @@ pub fn with_limit(records: &str, rate: f64) -> String {
     lines([header]) + rest
 }
 
-/// The same run by a build of a commit.
-pub fn with_build(records: &str, commit: &str, dirty: bool) -> String {
-    let build = json!({ "commit": commit, "dirty": dirty });
-    records.replacen("\"started_at\":", &format!("\"build\":{build},\"started_at\":"), 1)
-}
-
 /// A repository of empty commits.
 pub struct Repository {
     pub folder: PathBuf,

@@ -42,13 +42,13 @@ fn changes(folder: &Path, db: &str) -> Value {
 #[test]
 fn runs_are_kept_once_in_the_order_of_their_commits() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let repository = Repository::new(place.path("repository"), 0..2);
+    let repository = Repository::new(place.path("repository"), [5, 3]);
     let here = &repository.folder;
     let history = |words: &str| history(here, db, words);
     let records = [records(1, CELLS, 5e6), records(2, CELLS, 5e6)];
     place.write("first/records.jsonl", &records[0]);
     place.write("second/records.jsonl", &records[1]);
-    // The later commit first: the order is that of the commits.
+    // The later commit first, which has the earlier date: the order is that of the commits.
     let output = history("add ../second --machine m").answer();
     let figures = CELLS * FIGURES_OF_A_CELL;
     let stored = format!("{CELLS} cells with {figures} figures stored");
@@ -59,6 +59,9 @@ fn runs_are_kept_once_in_the_order_of_their_commits() {
     let [first, second] =
         [&repository.commits[0], &repository.commits[1]].map(|c| listed.find(&c[..10]).unwrap());
     assert!(first < second && stored.len() == 2, "{listed}");
+    git(here).args(["clone", "--quiet", "--no-local", "--depth=1", ".", "shallow"]).ends(0);
+    let listed = self::history(&here.join("shallow"), "../../history.sqlite", "list").answer();
+    holds(&listed, &["Not in the order of commits: 1 runs stand by date"]);
     // Again, and as another commit's.
     holds(&history("add ../second").answer(), &["stored already, nothing changed"]);
     let output = history("add ../first").refused("is stored already, as one of commit");
@@ -126,73 +129,25 @@ fn the_commits_of_a_change_are_named() {
     history(here, db, "show nowhere --out x").refused("nothing in this history fits `nowhere`");
 }
 
-/// The last four commits were made before the ten below them.
-#[test]
-fn ancestry_and_not_dates_decides_the_order() {
-    let (place, db) = (Place::new(), "../history.sqlite");
-    let days = (10..20).chain([4, 3, 2, 1]);
-    let Repository { folder: here, commits } = &Repository::new(place.path("here"), days);
-    for (at, commit) in commits.iter().enumerate() {
-        place.write("here/run/records.jsonl", records(at, 1, 5e6));
-        history(here, db, add("run", commit)).ends(0);
-    }
-    let url = format!("file://{}", here.display());
-    git(place.path("")).args(["clone", "--quiet", "--depth=1", &url, "shallow"]).ends(0);
-    let [whole, shallow] = ["here", "shallow"].map(|folder| place.path(folder));
-    let by_date = "Not in the order of commits: 13 runs stand where";
-    for words in ["list", "changes"] {
-        holds(&history(&shallow, db, words).answer(), &[by_date]);
-        assert!(!history(&whole, db, words).answer().contains("Not in the order"));
-    }
-    let listed = history(&whole, db, "list").answer();
-    assert!(commits.iter().map(|commit| listed.find(&commit[..10]).unwrap()).is_sorted());
-}
-
 #[test]
 fn the_records_say_of_which_commit_they_are() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let Repository { folder: here, commits } = &Repository::new(place.path("here"), 0..3);
+    let Repository { folder: here, commits } = &Repository::new(place.path("here"), 0..2);
     let history = |words: &str| history(here, db, words);
-    let [first, second, _] = [0, 1, 2].map(|at| commits[at].as_str());
-    let run = |at, commit, dirty| made::with_build(&records(at, CELLS, 5e6), commit, dirty);
-    place.write("clean/records.jsonl", run(1, first, false));
-    place.write("dirty/records.jsonl", run(2, second, true));
-    place.write("two/records.jsonl", run(3, first, false) + &run(4, second, false));
-    place.write("other/records.jsonl", run(5, "c0ffee", false));
-    history("add ../clean --commit HEAD").refused("leave out --commit");
+    let of = |commit: &str| {
+        let build = format!(r#""build":{{"commit":"{commit}","dirty":true}},"started_at":"#);
+        records(1, CELLS, 5e6).replace("\"started_at\":", &build)
+    };
+    place.write("two/records.jsonl", of("c0ffee") + &of(&commits[0]));
+    place.write("other/records.jsonl", of("c0ffee"));
+    place.write("dirty/records.jsonl", of(&commits[0]));
     history("add ../two").refused("was measured by several builds");
     history("add ../other").refused("of which branch is this run?");
-    holds(&history("add ../clean --commit HEAD~2").answer(), &[first, "on main"]);
-    let output = history("add ../dirty").env("GITHUB_SHA", "c0ffee").answer();
-    holds(&output, &[&format!("{second}-dirty on main")]);
-    holds(&history("list").answer(), &[&format!(" {}-dirty ", &second[..10])]);
-}
-
-/// Reading any of these would not end, or would take gigabytes.
-#[test]
-fn only_tables_that_fathom_made_are_read() {
-    let (place, history) = sqlite();
-    let endless = "WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)";
-    for (made, name) in [
-        (format!("VIEW fathom_run AS {endless} SELECT id FROM n"), "fathom_run"),
-        (format!("VIEW Fathom_Run AS {endless} SELECT id FROM n"), "Fathom_Run"),
-        ("VIRTUAL TABLE fathom_run USING fts4 (id)".to_owned(), "fathom_run"),
-        ("TABLE fathom_run (a, id AS (hex(zeroblob(900000000))))".to_owned(), "fathom_run"),
-        (
-            format!(
-                "TRIGGER t AFTER INSERT ON fathom_series BEGIN DELETE FROM fathom_figure WHERE series IN ({endless} SELECT id FROM n); END"
-            ),
-            "t",
-        ),
-    ] {
-        let _ = std::fs::remove_file(place.path("history.sqlite"));
-        history(&add("run", "c0ffee")).ends(0);
-        let connection = rusqlite::Connection::open(place.path("history.sqlite")).unwrap();
-        connection.execute_batch(&format!("DROP TABLE fathom_run; CREATE {made}")).unwrap();
-        for words in ["list", "changes", "show --out page", &add("run", "c0ffee")] {
-            history(words).refused(&format!("`{name}` in it was not made by this build"));
-        }
-    }
+    history("add ../dirty --commit HEAD").refused("leave out --commit");
+    let mut of_a_job = history("add ../dirty --commit HEAD~1");
+    let stored = of_a_job.env("GITHUB_SHA", &commits[1]).answer();
+    holds(&stored, &[&format!("{}-dirty on main", commits[0])]);
+    holds(&history("list").answer(), &[&format!(" {}-dirty ", &commits[0][..10])]);
 }
 
 const FIGURES: &str =
@@ -290,8 +245,20 @@ fn other_databases_are_left_as_they_are() {
         connection.execute_batch(statements).unwrap();
     };
     tables("other.sqlite", "CREATE TABLE notes (t TEXT)");
-    let newer = "CREATE TABLE fathom_history (format INTEGER NOT NULL); INSERT INTO fathom_history VALUES (9)";
-    tables("newer.sqlite", newer);
+    let made = |format: i32, other: &str| {
+        let table = "CREATE TABLE fathom_history (format INTEGER NOT NULL)";
+        format!("{table}; INSERT INTO fathom_history VALUES ({format}); {other}")
+    };
+    tables("newer.sqlite", &made(9, ""));
+    // Reading these would not end, or would take gigabytes.
+    let endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x FROM n";
+    tables("view.sqlite", &made(2, &format!("CREATE VIEW Fathom_Run AS {endless}")));
+    tables("virtual.sqlite", &made(2, "CREATE VIRTUAL TABLE fathom_run USING fts4 (id)"));
+    let computed = "CREATE TABLE fathom_run (digest, id AS (hex(zeroblob(900000000))))";
+    tables("computed.sqlite", &made(2, computed));
+    let trigger = "CREATE TRIGGER t AFTER INSERT ON fathom_history BEGIN";
+    let trigger = format!("{trigger} DELETE FROM fathom_history WHERE format IN ({endless}); END");
+    tables("trigger.sqlite", &made(2, &trigger));
     place.write("text", "no database at all");
     let mut bytes = std::fs::read(place.path("other.sqlite")).unwrap();
     bytes[16..].fill(0xff);
@@ -299,6 +266,10 @@ fn other_databases_are_left_as_they_are() {
     for (db, reason) in [
         ("other.sqlite", "is the database of another program"),
         ("newer.sqlite", "has history format 9, but this build reads format 2"),
+        ("view.sqlite", "`Fathom_Run` in it was not made by this build"),
+        ("virtual.sqlite", "`fathom_run` in it was not made by this build"),
+        ("computed.sqlite", "`fathom_run` in it was not made by this build"),
+        ("trigger.sqlite", "`t` in it was not made by this build"),
         ("text", "file is not a database"),
         ("damaged.sqlite", "damaged.sqlite: "),
         (".", "is no regular file"),
