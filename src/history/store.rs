@@ -164,7 +164,7 @@ fn is_made(connection: &Connection) -> anyhow::Result<bool> {
     for [table, ..] in made.iter().filter(|[_, table, _]| is_own(table)) {
         let check = format!("PRAGMA quick_check({table})");
         let found: String = connection.query_row(&check, [], |row| row.get(0))?;
-        ensure!(found == "ok", "its table {table} is damaged: {found}");
+        ensure!(found == "ok", "its table {table} is damaged");
     }
     Ok(true)
 }
