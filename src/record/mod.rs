@@ -130,7 +130,7 @@ impl Run {
 
 /// The revision that a program was built of. What a development build reads from its checkout when it runs may be newer: shaders,
 /// scenes, experiments.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 pub struct Build {
     /// Hash of the commit; null where the program was built outside a repository.
     pub commit: Option<String>,
