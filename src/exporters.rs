@@ -136,12 +136,12 @@ impl ReportFolders {
 
     /// One page of all.
     pub fn page(self) -> Artifact {
-        let folders = self.runs.iter().map(|file| file.path.parent().unwrap_or(Path::new("")));
-        let records = self.runs.iter().map(|file| &file.reading.records);
-        let views = folders.zip(records);
-        let views: Vec<(&Path, Report<'_>)> =
-            views.map(|(folder, records)| (folder, Report::new(records, Some(folder)))).collect();
-        let Self { comparisons, left_out, .. } = self;
+        let Self { runs, comparisons, left_out } = self;
+        let views = runs.iter().map(|RunFile { path, reading }| {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            (folder, Report::new(&reading.records, Some(folder)))
+        });
+        let views = views.collect_vec();
         Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
     }
 }

@@ -22,7 +22,7 @@ use fathom_judge::files::{RunFile, SameCells};
 use fathom_judge::run::Noise;
 use fathom_judge::verdict::{Status, Verdicts};
 use fathom_record::comparison::{CellId, Gate, Side};
-use fathom_record::{Adapter, Cell, Measured, Run, StageRecord};
+use fathom_record::{Adapter, Cell, Run};
 
 /// Rows of a block; the rest is counted.
 const MAX_ROWS: usize = 8;
@@ -33,8 +33,7 @@ pub struct RunChanges {
     pub status: Status,
     /// What was judged, and what cannot be.
     pub headline: String,
-    /// Why the runs are hard to compare.
-    pub doubts: Vec<String>,
+    /// Why the runs are hard to compare, then what changed.
     pub blocks: Vec<Block>,
 }
 
@@ -62,25 +61,26 @@ impl RunChanges {
         let views = [&views[0], &views[1]];
         let paths = [&base.path, &head.path].map(PathBuf::as_path);
         let cells = CellMatches::match_runs(views.map(cells));
-        let timed = timed_in_both(&cells);
-        let (times, not_judged) = match untimed {
-            None => {
-                let cells = count_noun(timed.len(), "cell");
-                let why = format!("times of {cells} not judged: two runs share no pairs");
-                (times_block(&timed), why)
-            }
-            Some(reason) => (Vec::new(), format!("times not compared: {reason}")),
+        let times = cells.both.iter().map(time_rows).filter(|rows| !rows.is_empty()).collect_vec();
+        let not_judged = match &untimed {
+            None => format!(
+                "times of {} not judged: two runs share no pairs",
+                count_noun(times.len(), "cell")
+            ),
+            Some(reason) => format!("times not compared: {reason}"),
         };
+        let times = if untimed.is_none() { times.concat() } else { Vec::new() };
+        let doubts = [comparison.header.notes.clone(), caveats(views)].concat();
         Ok(Self {
             status: verdicts.status,
             headline: format!("{}; {not_judged}", exact_headline(verdicts)),
-            doubts: [comparison.header.notes.clone(), caveats(views)].concat(),
             blocks: [
+                vec![Block::list(doubts)],
                 claims_block(views),
                 exact_block(verdicts),
                 machine_block(views, paths),
                 cells_block(&cells),
-                times,
+                times_block(times),
             ]
             .into_iter()
             .flatten()
@@ -88,10 +88,9 @@ impl RunChanges {
         })
     }
 
-    /// For the terminal: the headline, doubts, and each block with its rows.
+    /// For the terminal.
     pub fn into_text(self) -> String {
-        let first = [Block::paragraph(self.headline), Block::list(self.doubts)];
-        document::terminal(&chain![first, self.blocks].collect_vec())
+        document::terminal(&chain![[Block::paragraph(self.headline)], self.blocks].collect_vec())
     }
 }
 
@@ -183,45 +182,33 @@ fn claims_block(views: [&Report<'_>; 2]) -> Vec<Block> {
     block("Claims", vec![lead], heads, changed.iter().map(row))
 }
 
-/// A cell of the head, and what base and head measured of it.
-type TimedPair<'a> = (&'a Cell, [&'a Measured; 2]);
-
-fn timed_in_both<'a>(cells: &CellMatches<'a>) -> Vec<TimedPair<'a>> {
-    let pair = |[base, head]: &[&'a Cell; 2]| {
-        let both = [base.measured()?, head.measured()?];
-        both.iter().all(|measured| measured.is_timed()).then_some((*head, both))
+/// The frame and each stage that both runs timed in a cell: none is chosen, as a choice would judge.
+fn time_rows([base, head]: &[&Cell; 2]) -> Vec<[String; 5]> {
+    let both = base.measured().zip(head.measured());
+    let Some((b, h)) = both.filter(|(b, h)| b.is_timed() && h.is_timed()) else {
+        return Vec::new();
     };
-    cells.both.iter().filter_map(pair).collect()
+    let row = |time: &str, [before, after]: [String; 2], ratio: f64| {
+        [cell_name(head), time.to_owned(), before, after, three(ratio)]
+    };
+    let frames = [b, h].map(|of| ms(&of.frame.untimed, &of.frame.untimed_samples_ns));
+    let frame = row("frame", frames, h.frame.untimed.median / b.frame.untimed.median);
+    let stages = h.stages.iter().filter_map(|after| {
+        let before = b.stages.iter().find(|before| before.stage == after.stage)?;
+        let has_ratio = before.clock == after.clock && before.is_resolved() && after.is_resolved();
+        let ratio = if has_ratio { after.time.median / before.time.median } else { f64::NAN };
+        Some(row(&after.stage, [before, after].map(stage_ms), ratio))
+    });
+    iter::once(frame).chain(stages).collect()
 }
 
-/// A row for each frame and each stage: none is chosen, as a choice would judge.
-fn times_block(cells: &[TimedPair<'_>]) -> Vec<Block> {
+fn times_block(rows: Vec<[String; 5]>) -> Vec<Block> {
     let lead = "medians with the 95 % intervals of each run, not judged; no ratio where clocks differ or cannot tell a time from none";
     let heads = ["Cell", "Time", "Base (ms)", "Head (ms)", "Head / base"];
-    let rows = cells.iter().flat_map(|cell| iter::once(frame_row(cell)).chain(stage_rows(cell)));
-    let table = Table::new("Times", heads).with_rows(rows);
-    if table.rows.is_empty() {
-        return Vec::new();
-    }
-    vec![Block::Heading("Times".into()), Block::paragraph(lead), Block::Table(table)]
-}
-
-fn frame_row((cell, measured): &TimedPair<'_>) -> [String; 5] {
-    let [base, head] = measured.map(|measured| &measured.frame);
-    let [before, after] = [base, head].map(|frame| ms(&frame.untimed, &frame.untimed_samples_ns));
-    let ratio = three(head.untimed.median / base.untimed.median);
-    [cell_name(cell), "frame".to_owned(), before, after, ratio]
-}
-
-fn stage_rows((cell, [base, head]): &TimedPair<'_>) -> impl Iterator<Item = [String; 5]> {
-    let row = |head: &StageRecord| {
-        let base = base.stages.iter().find(|base| base.stage == head.stage)?;
-        let has_ratio = base.clock == head.clock && base.is_resolved() && head.is_resolved();
-        let ratio = if has_ratio { head.time.median / base.time.median } else { f64::NAN };
-        let [before, after] = [base, head].map(stage_ms);
-        Some([cell_name(cell), head.stage.clone(), before, after, three(ratio)])
-    };
-    head.stages.iter().filter_map(row)
+    let has_rows = !rows.is_empty();
+    let table = Block::Table(Table::new("Times", heads).with_rows(rows));
+    let all = vec![Block::Heading("Times".into()), Block::paragraph(lead), table];
+    if has_rows { all } else { Vec::new() }
 }
 
 /// Differences grouped by figure: errors first, what became worse first.

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use super::*;
 use fathom_experiments::fixtures;
-use fathom_record::{Clock, ErrorFigure, Outcome, Record, RecordFile};
+use fathom_record::{Clock, ErrorFigure, Measured, Outcome, Record, RecordFile};
 
 fn file(name: &str, records: Vec<Record>) -> RunFile {
     let path = PathBuf::from(name).join("records.jsonl");
@@ -36,14 +36,10 @@ fn changed_runs() -> [Vec<Record>; 2] {
         measured.errors.push(ErrorFigure::new("irradiance_error", error, "1", "caustics/filter"));
     }
     for cell in cells_of(&mut head, "uw-waves") {
-        let directional = cell.axes["water"] == "directional";
-        let amplitude_m = cell.axes["water.amplitude_m"].as_f64().unwrap();
-        let measured = cell.measured_mut().filter(|_| directional);
-        let falling = [("caustics_unconverged_rate".to_owned(), 0.1 - amplitude_m / 10.0)];
-        if let Some(measured) = measured {
-            let mut all = measured.quantities.clone();
-            all.extend(falling);
-            measured.quantities = all;
+        let is_directional = cell.axes["water"] == "directional";
+        let falling = 0.1 - cell.axes["water.amplitude_m"].as_f64().unwrap() / 10.0;
+        if let Some(measured) = cell.measured_mut().filter(|_| is_directional) {
+            measured.quantities.insert("caustics_unconverged_rate".to_owned(), falling);
         }
     }
     head[0].try_as_run_mut().unwrap().adapter.driver_info = "Mesa 23.0.0".to_owned();
