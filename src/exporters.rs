@@ -141,8 +141,7 @@ impl ReportFolders {
             let folder = path.parent().unwrap_or(Path::new(""));
             (folder, Report::new(&reading.records, Some(folder)))
         });
-        let views = views.collect_vec();
-        Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
+        Page { comparisons, left_out, ..Page::new(page::labelled(&views.collect_vec())) }.file()
     }
 }
 

@@ -93,8 +93,7 @@ fn every_time_stands_beside_its_like_with_the_intervals_of_both_runs() {
     let all = fixtures::cells(&mut head).filter_map(Cell::measured_mut);
     let all: usize = all.map(|measured| 1 + measured.stages.len()).sum();
     assert_eq!(table.lines().count(), all + 3, "and words, an empty line and a head");
-    let run = head[0].try_as_run_mut().unwrap();
-    run.adapter.name = "Another".to_owned();
+    head[0].try_as_run_mut().unwrap().adapter.name = "Another".to_owned();
     let text = changes(base, head).into_text();
     assert!(text.starts_with("exact figures of ") && !text.contains("\nTimes\n"), "{text}");
     assert!(text.contains("; times not compared: ") && text.contains("Claims\n0 of "), "{text}");
