@@ -363,21 +363,16 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> ExitResult {
     list_files(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
-/// Of one folder all its files, beside its records. Of several, or into another folder, one page. Of two runs what changed is
-/// printed, with a page or without.
+/// Of one folder all its files, beside its records. Of several, or into another folder, one page.
 pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>, png: bool) -> ExitResult {
     if let ([folder], None) = (folders.as_slice(), &out) {
         return list_files(report_of(folder, png)?);
     }
     anyhow::ensure!(!png, "--png is for the plots of one folder, without --out");
-    let read = exporters::ReportFolders::read(&folders)?;
-    let changes = read.changes().map(|changes| print::answer(changes.into_text()));
-    match out {
-        Some(out) => write_into(&out, vec![read.page()]),
-        None => changes.map(|()| ExitCode::SUCCESS).context(
-            "nothing to compare: for one page of these folders say with --out where to write it",
-        ),
-    }
+    let out = out.context(
+        "several folders make one page: say with --out where to write it; `fathom compare` of two files of records prints what changed",
+    )?;
+    write_into(&out, vec![exporters::ReportFolders::read(&folders)?.page()])
 }
 
 /// The sound records of a folder; the others are named. `hint` ends with the name of the file that should be there.

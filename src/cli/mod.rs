@@ -152,9 +152,9 @@ pub enum Command {
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
-    /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
+    /// Write the reports of a run or a comparison again, from its records alone; or one page of several
     Report {
-        /// Folders of runs and comparisons. Of two runs, what changed is printed
+        /// Folders of runs and comparisons
         #[arg(required = true, value_name = "DIR")]
         folders: Vec<PathBuf>,
         /// Write one page of all folders, into this folder
