@@ -86,7 +86,6 @@ impl Device {
         }
     }
 
-    /// The first reason is the cause.
     fn lose(&self, reason: String) {
         let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
         faults.lost.get_or_insert(reason);

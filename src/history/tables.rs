@@ -129,7 +129,7 @@ pub fn changes_json(stored: &StoredRuns, findings: &HistoryChanges) -> Value {
     let changes: Vec<Value> =
         findings.changes.iter().map(|change| change_json(stored, change)).collect();
     json!({
-        "runs": stored.runs.len(), "series": findings.searched, "too_short": findings.too_short,
+        "runs": stored.runs.len(), "runs_by_date": stored.runs.iter().filter(|run| run.place.is_none()).count(), "series": findings.searched, "too_short": findings.too_short,
         "least_runs": MIN_RUNS, "level": LEVEL, "false_share": FALSE_SHARE, "changes": changes,
     })
 }

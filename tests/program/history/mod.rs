@@ -253,12 +253,13 @@ fn other_databases_are_left_as_they_are() {
     // Reading these would not end, or would take gigabytes.
     let endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x FROM n";
     tables("view.sqlite", &made(2, &format!("CREATE VIEW Fathom_Run AS {endless}")));
-    tables("virtual.sqlite", &made(2, "CREATE VIRTUAL TABLE fathom_run USING fts4 (id)"));
-    let computed = "CREATE TABLE fathom_run (digest, id AS (hex(zeroblob(900000000))))";
+    let computed = "CREATE TABLE fathom_run (a, b AS (zeroblob(1 << 29)))";
     tables("computed.sqlite", &made(2, computed));
-    let trigger = "CREATE TRIGGER t AFTER INSERT ON fathom_history BEGIN";
-    let trigger = format!("{trigger} DELETE FROM fathom_history WHERE format IN ({endless}); END");
-    tables("trigger.sqlite", &made(2, &trigger));
+    let trigger = "CREATE TRIGGER t AFTER INSERT ON fathom_history BEGIN SELECT 1; END";
+    tables("trigger.sqlite", &made(2, trigger));
+    history(&place.path(""), "tree.sqlite", add("run", "c0ffee")).ends(0);
+    let set = "PRAGMA writable_schema = ON; UPDATE sqlite_master SET rootpage = 2";
+    tables("tree.sqlite", &format!("{set} WHERE name = 'fathom_series'"));
     place.write("text", "no database at all");
     let mut bytes = std::fs::read(place.path("other.sqlite")).unwrap();
     bytes[16..].fill(0xff);
@@ -267,9 +268,9 @@ fn other_databases_are_left_as_they_are() {
         ("other.sqlite", "is the database of another program"),
         ("newer.sqlite", "has history format 9, but this build reads format 2"),
         ("view.sqlite", "`Fathom_Run` in it was not made by this build"),
-        ("virtual.sqlite", "`fathom_run` in it was not made by this build"),
         ("computed.sqlite", "`fathom_run` in it was not made by this build"),
         ("trigger.sqlite", "`t` in it was not made by this build"),
+        ("tree.sqlite", "tree.sqlite: its table fathom_series is damaged"),
         ("text", "file is not a database"),
         ("damaged.sqlite", "damaged.sqlite: "),
         (".", "is no regular file"),
