@@ -22,7 +22,7 @@ use fathom_judge::files::{RunFile, SameCells};
 use fathom_judge::run::Noise;
 use fathom_judge::verdict::{Status, Verdicts};
 use fathom_record::comparison::{CellId, Gate, Side};
-use fathom_record::{Adapter, Cell, Run};
+use fathom_record::{Adapter, Cell, Measured, Run};
 
 /// Rows of a block; the rest is counted.
 const MAX_ROWS: usize = 8;
@@ -61,15 +61,19 @@ impl RunChanges {
         let views = [&views[0], &views[1]];
         let paths = [&base.path, &head.path].map(PathBuf::as_path);
         let cells = CellMatches::match_runs(views.map(cells));
-        let times = cells.both.iter().map(time_rows).filter(|rows| !rows.is_empty()).collect_vec();
+        let timed = cells.both.iter().filter(|cells| cells.iter().all(|cell| is_timed(cell)));
         let not_judged = match &untimed {
             None => format!(
                 "times of {} not judged: two runs share no pairs",
-                count_noun(times.len(), "cell")
+                count_noun(timed.clone().count(), "cell")
             ),
             Some(reason) => format!("times not compared: {reason}"),
         };
-        let times = if untimed.is_none() { times.concat() } else { Vec::new() };
+        let frames = facts::representatives(views[1]);
+        let is_shown = |cells: &&[&Cell; 2]| {
+            untimed.is_none() && frames.iter().any(|frame| std::ptr::eq(frame.cell, cells[1]))
+        };
+        let times = timed.clone().filter(is_shown).flat_map(time_rows).collect();
         let doubts = [comparison.header.notes.clone(), caveats(views)].concat();
         Ok(Self {
             status: verdicts.status,
@@ -182,12 +186,13 @@ fn claims_block(views: [&Report<'_>; 2]) -> Vec<Block> {
     block("Claims", vec![lead], heads, changed.iter().map(row))
 }
 
-/// The frame and each stage that both runs timed in a cell: none is chosen, as a choice would judge.
+fn is_timed(cell: &Cell) -> bool {
+    cell.measured().is_some_and(Measured::is_timed)
+}
+
+/// The frame and each stage that both runs timed in a cell.
 fn time_rows([base, head]: &[&Cell; 2]) -> Vec<[String; 5]> {
-    let both = base.measured().zip(head.measured());
-    let Some((b, h)) = both.filter(|(b, h)| b.is_timed() && h.is_timed()) else {
-        return Vec::new();
-    };
+    let Some((b, h)) = base.measured().zip(head.measured()) else { return Vec::new() };
     let row = |time: &str, [before, after]: [String; 2], ratio: f64| {
         [cell_name(head), time.to_owned(), before, after, three(ratio)]
     };
@@ -203,7 +208,7 @@ fn time_rows([base, head]: &[&Cell; 2]) -> Vec<[String; 5]> {
 }
 
 fn times_block(rows: Vec<[String; 5]>) -> Vec<Block> {
-    let lead = "medians with the 95 % intervals of each run, not judged; no ratio where clocks differ or cannot tell a time from none";
+    let lead = "of a frame of each pipeline: medians with the 95 % intervals of each run, not judged; no ratio where clocks differ or cannot tell a time from none";
     let heads = ["Cell", "Time", "Base (ms)", "Head (ms)", "Head / base"];
     let has_rows = !rows.is_empty();
     let table = Block::Table(Table::new("Times", heads).with_rows(rows));
