@@ -145,6 +145,13 @@ impl ReportFolders {
     }
 }
 
+/// Refuses a folder in which the report of a run or a comparison would replace another program's file: before anything is measured.
+pub fn check_folder(folder: &Path, report: &[Artifact]) -> anyhow::Result<()> {
+    let Ok(opened) = Dir::open(folder) else { return Ok(()) };
+    let check = |file: &Artifact| opened.check_own(&file.name, &file.bytes);
+    report.iter().try_for_each(check).map_err(unwritable(folder))
+}
+
 fn unwritable(path: &Path) -> impl Fn(io::Error) -> anyhow::Error {
     move |source| anyhow!("cannot write {}: {source}", path.display())
 }
@@ -154,7 +161,7 @@ pub fn write_artifacts(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<Ve
     let opened = Dir::make(folder).map_err(unwritable(folder))?;
     let write = |file: Artifact| {
         let path = folder.join(&file.name);
-        opened.write(&file.name, &file.bytes).map_err(unwritable(&path))?;
+        opened.write_own(&file.name, &file.bytes).map_err(unwritable(&path))?;
         Ok(path)
     };
     files.into_iter().map(write).collect()

@@ -8,6 +8,10 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::input::{self, kind_name};
 
+/// First bytes of a text, in which one of fathom's names it; and those in which files of a format are alike.
+const BEGINNING: u64 = 1 << 10;
+const FORMAT: usize = 4;
+
 /// A folder that is there. Names of files are paths beneath it.
 #[derive(Clone, Debug)]
 pub struct Dir {
@@ -21,8 +25,14 @@ pub fn open_parent(path: &Path) -> io::Result<(Dir, &Path)> {
     Ok((Dir::open(folder.unwrap_or(Path::new(".")))?, Path::new(name)))
 }
 
-/// Writes a file that the user names; see [`Dir::write`].
+/// Writes a file that fathom names; see [`Dir::write_own`].
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let (folder, name) = open_parent(path)?;
+    folder.write_own(name, bytes)
+}
+
+/// Writes a file that the user names; see [`Dir::write`].
+pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let (folder, name) = open_parent(path)?;
     folder.write(name, bytes)
 }
@@ -121,7 +131,32 @@ impl Dir {
         self.write_with(name, |file| file.write_all(bytes))
     }
 
-    /// The same, with what `write` writes.
+    /// Writes a file that fathom names, and replaces none but its own.
+    pub fn write_own(&self, name: impl AsRef<Path>, bytes: &[u8]) -> io::Result<()> {
+        self.check_own(&name, bytes)?;
+        self.write(name, bytes)
+    }
+
+    /// Refuses to put this where another program's file is. Pictures, arrays and tables cannot name fathom: there the format counts.
+    pub fn check_own(&self, name: impl AsRef<Path>, new: &[u8]) -> io::Result<()> {
+        let (name, mut old) = (name.as_ref(), Vec::new());
+        match self.read(name) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+            file => file?.take(BEGINNING).read_to_end(&mut old)?,
+        };
+        let is_named = |bytes: &[u8]| bytes.windows(6).any(|word| word == b"fathom");
+        let is_own = match is_named(&new[..new.len().min(BEGINNING as usize)]) {
+            true => is_named(&old),
+            false => old.get(..FORMAT) == new.get(..FORMAT),
+        };
+        let name = name.display();
+        let message =
+            format!("`{name}` is there, and not by fathom: move it, or choose another folder");
+        let error = || io::Error::other(message);
+        (is_own || old.is_empty()).then_some(()).ok_or_else(error)
+    }
+
+    /// The same as [`Dir::write`], with what `write` writes.
     pub fn write_with<E: From<io::Error>>(
         &self,
         name: impl AsRef<Path>,
@@ -182,6 +217,27 @@ mod tests {
         folder.remove("c/y").unwrap();
         let left: Vec<_> = fs::read_dir(folder.path().join("c")).unwrap().collect();
         assert!(left.is_empty(), "{left:?}");
+    }
+
+    #[test]
+    fn only_files_that_fathom_wrote_are_replaced() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = Dir::open(place.path()).unwrap();
+        let page = b"<!DOCTYPE html><title>fathom on a GPU</title>";
+        for (old, new, is_own) in [
+            (&b"<!DOCTYPE html><title>fathom: history</title>"[..], &page[..], true),
+            (b"", page, true),
+            (b"<!DOCTYPE html><title>My pool</title>", page, false),
+            (b"\x89PNG old", b"\x89PNG new", true),
+            (b"notes", b"\x89PNG new", false),
+            (b"a", b"experiment,cell", false),
+        ] {
+            folder.write("x", old).unwrap();
+            let written = folder.write_own("x", new);
+            assert_eq!(written.is_ok(), is_own, "{written:?}");
+            assert_eq!(folder.bytes("x", 99).unwrap(), if is_own { new } else { old });
+        }
+        folder.write_own("y", page).unwrap();
     }
 
     #[cfg(unix)]

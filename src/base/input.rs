@@ -13,6 +13,8 @@ pub const MAX_TEXT: u64 = 1 << 20;
 
 /// Bytes of a file that are summed up in one step.
 const READ_AT_ONCE: usize = 1 << 20;
+/// What some editors put before text.
+pub const BYTE_ORDER_MARK: &str = "\u{feff}";
 /// First bytes of what gzip compressed. RFC 1952, 2.3.1.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
@@ -108,9 +110,10 @@ pub fn sha256(mut source: impl Read) -> io::Result<String> {
     }
 }
 
-/// A file's text, no more than `limit` bytes of it.
+/// A file's text without the mark of byte order that some editors put before it, no more than `limit` bytes.
 pub fn text(path: &Path, limit: u64) -> io::Result<String> {
-    io::read_to_string(limited(open(path)?, limit)?)
+    let text = io::read_to_string(limited(open(path)?, limit)?)?;
+    Ok(text.strip_prefix(BYTE_ORDER_MARK).map(str::to_owned).unwrap_or(text))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,6 +158,8 @@ mod tests {
     fn the_limit_is_the_last_size_that_is_read_before_and_after_unpacking() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
+        fs::write(&path, "\u{feff}12").unwrap();
+        assert_eq!(text(&path, 5).unwrap(), "12");
         fs::write(&path, "12345").unwrap();
         assert_eq!(text(&path, 5).unwrap(), "12345");
         let fault = text(&path, 4).unwrap_err().to_string();

@@ -4,7 +4,7 @@
 use std::io::{self, ErrorKind, Write};
 
 /// First bytes of a file, before the two of its version.
-const MAGIC: &[u8; 6] = b"\x93NUMPY";
+pub const MAGIC: &[u8; 6] = b"\x93NUMPY";
 /// The data begin at a multiple of so many bytes.
 const ALIGNMENT: usize = 64;
 

@@ -10,7 +10,7 @@ use serde::{Serialize, de::value::Error as Nothing};
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::text::did_you_mean;
+use crate::text::{did_you_mean, excerpt};
 
 /// What is wrong with a parameter. One line each.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -389,7 +389,7 @@ pub fn set(tree: &mut Value, path: &str, value: Value) -> Result<(), ParamError>
     *leaf = fitting(leaf, value).map_err(|given| ParamError::Type {
         path: path.to_owned(),
         expected: kind(leaf),
-        given: given.to_string(),
+        given: excerpt(&given.to_string()),
     })?;
     Ok(())
 }

@@ -54,7 +54,7 @@ pub fn error(message: impl Display) {
 }
 
 fn write_message(stream: &mut impl Write, message: &impl Display) -> io::Result<()> {
-    let line = text::line(message.to_string().trim_end()) + "\n";
+    let line = text::message(message.to_string().trim_end()) + "\n";
     stream.write_all(line.as_bytes())
 }
 

@@ -317,7 +317,7 @@ impl Excerpt {
 
 impl fmt::Display for Excerpt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.lines().map(|line| line.trim()).format("; "))
+        f.write_str(&text::excerpt(&self.lines().map(|line| line.trim()).join("; ")))
     }
 }
 

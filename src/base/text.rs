@@ -4,9 +4,13 @@
 //! Each output has one function here, and everything that is written passes through it.
 
 use std::borrow::Cow;
+use std::fmt::Display;
 
+use itertools::Itertools as _;
 use sha2::{Digest, Sha256};
 
+/// Characters that a message repeats of what a file, a worker or an argument says.
+const EXCERPT: usize = 200;
 /// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
 pub const ID_LENGTH: usize = 64;
 /// Widest column of a table: `format!` pads to 65,535 characters at most.
@@ -29,6 +33,32 @@ fn is_hidden(c: char) -> bool {
 pub fn line(text: &str) -> String {
     let breaks = ['\n', '\r', '\t', '\u{2028}', '\u{2029}'];
     text.chars().map(|c| if breaks.contains(&c) { ' ' } else { shown(c) }).collect()
+}
+
+/// The text on one line, of a long one the beginning.
+pub fn excerpt(text: &str) -> String {
+    match text.char_indices().nth(EXCERPT) {
+        Some((end, _)) => line(&text[..end]) + "…",
+        None => line(text),
+    }
+}
+
+/// What a parser says of a file. It may repeat all of it, but not in what it expected.
+pub fn fault(error: impl Display) -> String {
+    let error = error.to_string();
+    let (found, expected) = error.split_at(error.rfind(", expected ").unwrap_or(error.len()));
+    excerpt(found) + &line(expected)
+}
+
+/// A message on one line. Long words of it and what is long between backticks are not fathom's own: they are cut.
+pub fn message(text: &str) -> String {
+    let words = |text: &str| text.split(' ').map(excerpt).join(" ");
+    let text = line(text);
+    if !text.matches('`').count().is_multiple_of(2) {
+        return words(&text);
+    }
+    let parts = text.split('`').enumerate();
+    parts.map(|(n, part)| if n % 2 == 1 { excerpt(part) } else { words(part) }).join("`")
 }
 
 fn shown(c: char) -> char {
@@ -259,6 +289,19 @@ mod tests {
         assert_eq!(line("a\u{1b}[2Jb\nc\td\u{9b}e\u{202e}f"), "a�[2Jb c d�e�f");
         assert_eq!(block("a\u{7}\nb"), "a�\nb");
         assert_eq!(line("Größe × 2 – 日本"), "Größe × 2 – 日本");
+    }
+
+    #[test]
+    fn messages_repeat_no_more_than_the_beginning_of_what_others_say() {
+        let (long, cut) = ("é".repeat(90_000), "é".repeat(EXCERPT) + "…");
+        let own = "mesh, ".repeat(EXCERPT);
+        for of in ["no `X`; there are OWN", "OWN X ` c", "X"] {
+            let of = of.replace("OWN", &own);
+            assert_eq!(message(&of.replace('X', &long)), of.replace('X', &cut));
+        }
+        assert_eq!(message(&format!("`{own}`")), format!("`{}…`", &own[..EXCERPT]));
+        let error = serde_json::from_str::<u8>(&format!("\"{long}\"")).unwrap_err();
+        assert!(fault(&error).contains("éé…, expected u8 at line 1 column "));
     }
 
     #[test]

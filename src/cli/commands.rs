@@ -82,6 +82,10 @@ fn on_one_core(options: &gpu::Options) -> anyhow::Result<()> {
 pub fn measure(png: bool, options: &RunOptions, start: Instant) -> ExitResult {
     // A system without fonts is told before minutes are measured.
     let png = png.then(Rasterizer::new).transpose()?;
+    let given = options.request.given.iter();
+    let given = given.map(|given| Artifact::new(GIVEN, given.text.clone()));
+    let files = report::report_files(&[], None).into_iter().chain(given).collect_vec();
+    options.out.iter().try_for_each(|folder| exporters::check_folder(folder, &files))?;
     let mut has_tables = false;
     let mut report = |folder: &Path, records: &[Record], standing: RunProgress| {
         let view = Report { standing: Some(standing), ..Report::new(records, Some(folder)) };

@@ -91,6 +91,10 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
     // The head of a pull request is meant to be what is checked out.
     let is_checkout = revision.is_some() && args.head_bin.is_none();
     let locked = flow::lock_output(args.out.as_deref(), "compare", args.resume)?;
+    exporters::check_folder(
+        locked.folder(),
+        &exporters::comparison_files(&Verdicts::judge(&Comparison::default())),
+    )?;
     // The head first: a build of the base must not swap what is measured.
     let head = WorkerSource::new(&args.head_bin, &args.head_cmd)?;
     let head = PreparedSide::new(catalog, args, head, of_head)?;

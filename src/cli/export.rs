@@ -23,7 +23,7 @@ pub fn export(args: ExportArgs) -> ExitResult {
             Ok(ExitCode::SUCCESS)
         }
         (Exported::One(file), Some(path)) if !path.is_dir() => {
-            folder::write(&path, &file.bytes)
+            folder::replace(&path, &file.bytes)
                 .with_context(|| format!("cannot write {}", path.display()))?;
             list_files([path])
         }

@@ -17,6 +17,7 @@ use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use fathom_base::process::{ProcessTree, StderrReader};
 use fathom_base::quiet;
 pub use fathom_base::quiet::{Quiet, allowed_cores};
+use fathom_base::text::excerpt;
 use fathom_gpu as gpu;
 use fathom_gpu::ClockPlan;
 use fathom_record::MachineState;
@@ -29,10 +30,6 @@ const SHELL: &str = "sh";
 const MAX_REPLY_BYTES: u64 = 1 << 20;
 /// Replies that wait to be read. A worker that writes more, which nobody asked for, waits itself.
 const REPLIES_AHEAD: usize = 1;
-/// Characters of a garbled reply that its fault shows, and of a name.
-const EXCERPT: usize = 80;
-/// The same of the reason that a worker gives.
-const REASON: usize = 1000;
 /// Shortest time of a frame that is believed: below a picosecond it is none, and ratios to it have no logarithm.
 const SHORTEST_NS: f64 = 1e-3;
 /// What a sample may be longer than its request: as the audit allows of timestamps, which another clock counts.
@@ -273,11 +270,9 @@ impl WorkerProcess {
                 if fatal {
                     self.tree.kill();
                 }
-                Err(WorkerFault::Refused { reason: excerpt(&reason, REASON), fatal, absent })
+                Err(WorkerFault::Refused { reason: excerpt(&reason), fatal, absent })
             }
-            Ok(Reply::Unsupported { message }) => {
-                Err(WorkerFault::Unsupported(excerpt(&message, EXCERPT)))
-            }
+            Ok(Reply::Unsupported { message }) => Err(WorkerFault::Unsupported(excerpt(&message))),
             Ok(reply) if answers(&reply, self.request) => Ok(reply),
             _ => Err(self.garbage(line)),
         }
@@ -339,7 +334,7 @@ impl WorkerProcess {
 
     fn garbage(&mut self, line: &str) -> WorkerFault {
         self.tree.kill();
-        let excerpt = excerpt(line.trim_end(), EXCERPT);
+        let excerpt = excerpt(line.trim_end());
         WorkerFault::Garbage { request: self.request, excerpt: format!("`{excerpt}`") }
     }
 
@@ -390,14 +385,6 @@ fn implausibility(ns: &[f64], frames: u32, request_ns: f64) -> Option<String> {
     }
     let wrong = ns.iter().find(|ns| !(SHORTEST_NS..=longest_ns).contains(*ns))?;
     Some(format!("{wrong:e} ns, in a request that took {request_ns:.3e} ns"))
-}
-
-/// So many characters of a text that a worker has written.
-fn excerpt(text: &str, most: usize) -> String {
-    match text.char_indices().nth(most) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
 }
 
 /// The reply is of the kind that was asked for.

@@ -34,7 +34,7 @@ use fathom_record::{Cell, NoteKind};
 
 pub use balance::SizeRatios;
 pub use comparison::{NO_VISIT, RuledFigure};
-pub use fits::{Scaling, scaling};
+pub use fits::{Scaling, scaling, thin_out};
 
 /// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
 pub const LOOKS: usize = 6;

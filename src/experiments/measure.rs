@@ -18,7 +18,6 @@
 //! A product is written with `*`, a quotient with ` per `: `param:view.width*param:view.height`,
 //! `allocated_bytes per quantity:occupied_voxels`.
 
-use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
@@ -132,10 +131,12 @@ impl Quantity {
             (Quantity::Exact(a), b) => b.map(|b| join(*a, b)),
             (a, Quantity::Exact(b)) => a.map(|a| join(a, *b)),
             (Quantity::Sampled(a), Quantity::Sampled(b)) => {
-                let of_round: HashMap<u32, f64> = b.iter().map(|s| (s.round, s.value)).collect();
+                // Of several samples of a round the last.
+                let b: Vec<_> = b.iter().copied().sorted_by_key(|s| s.round).collect();
                 let joined = a.iter().filter_map(|RoundSample { round, value }| {
-                    let value = join(*value, *of_round.get(round)?);
-                    Some(RoundSample { round: *round, value })
+                    let last = b[..b.partition_point(|s| s.round <= *round)].last()?;
+                    let value = join(*value, last.value);
+                    (last.round == *round).then_some(RoundSample { round: *round, value })
                 });
                 Quantity::Sampled(joined.collect())
             }

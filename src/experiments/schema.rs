@@ -492,11 +492,11 @@ fn one() -> f64 {
 }
 
 /// The parser's message with its line number, without the quoted source.
-pub fn one_line(error: &toml::de::Error, text: &str) -> String {
+pub fn one_line(error: &toml::de::Error, source: &str) -> String {
     let line =
-        error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+        error.span().map(|span| source[..span.start.min(source.len())].matches('\n').count() + 1);
     match line {
-        Some(line) => format!("line {line}: {}", error.message()),
-        None => error.message().to_owned(),
+        Some(line) => format!("line {line}: {}", text::fault(error.message())),
+        None => text::fault(error.message()),
     }
 }

@@ -74,7 +74,7 @@ fn store(places: &Places, asset: &Asset, file: &Path) -> Result<PathBuf, String>
     let target = cache.join(asset.file);
     let copied = std::fs::create_dir_all(cache)
         .and_then(|()| std::fs::read(file))
-        .and_then(|bytes| folder::write(&target, &bytes));
+        .and_then(|bytes| folder::replace(&target, &bytes));
     copied.map_err(|error| asset.unusable(&target, &error))?;
     Ok(target)
 }

@@ -52,14 +52,17 @@ fn write(
     let name = format!("{stem}.npy");
     let path = folder.path().join(&name);
     folder
-        .write_with(&name, |file| npy::write(BufWriter::new(file), &shape, &values))
+        .check_own(&name, npy::MAGIC)
+        .and_then(|()| {
+            folder.write_with(&name, |file| npy::write(BufWriter::new(file), &shape, &values))
+        })
         .map_err(|error| write_error(&path, error))?;
     let mut about = describe(subject, stage, output, &shape);
     for (key, value) in context.as_object().into_iter().flatten() {
         about[key] = value.clone();
     }
     let beside = format!("{stem}.json");
-    let written = folder.write(&beside, format!("{about:#}\n").as_bytes());
+    let written = folder.write_own(&beside, format!("{about:#}\n").as_bytes());
     written.map_err(|error| write_error(&folder.path().join(beside), error))?;
     Ok(path)
 }

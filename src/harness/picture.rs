@@ -56,7 +56,7 @@ pub fn write(image: &RgbImage, folder: &Dir, name: &Path) -> Result<()> {
     let (compression, filter) = (CompressionType::Default, FilterType::Adaptive);
     let encoder = PngEncoder::new_with_quality(&mut bytes, compression, filter);
     image.write_with_encoder(encoder).map_err(|error| write_error(&path, error))?;
-    folder.write(name, &bytes).map_err(|error| write_error(&path, error))
+    folder.write_own(name, &bytes).map_err(|error| write_error(&path, error))
 }
 
 /// Writes a picture to a path that the user names.

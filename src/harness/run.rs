@@ -116,7 +116,8 @@ pub fn run(
     };
     if let Some(given) = &request.given {
         let folder = Dir::make(&held.output.folder);
-        let written = folder.and_then(|folder| folder.write(plan::GIVEN, given.text.as_bytes()));
+        let written =
+            folder.and_then(|folder| folder.write_own(plan::GIVEN, given.text.as_bytes()));
         written.with_context(|| format!("cannot write {}", plan::GIVEN))?;
     }
     let now = spent.since(now, SetUp::Scenes);

@@ -9,8 +9,8 @@ use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
 use super::run::{NewFigure, NewRun, shorten};
-use super::{FORMAT, Origin};
-use fathom_base::text::line;
+use super::{DEFAULT_FILE, FORMAT, Origin, VARIABLE};
+use fathom_base::text::{excerpt, line};
 
 /// How long a writer waits for another one.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
@@ -60,6 +60,8 @@ impl History {
 
     /// The same to add to it. What is not there yet is made with the first run.
     pub fn open_or_make(path: &Path) -> anyhow::Result<History> {
+        let is_address = path.to_string_lossy().contains("://");
+        ensure!(!is_address, "a history is a file of SQLite: give its path and no address");
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).with_context(|| named(path))?;
         }
@@ -86,7 +88,7 @@ impl History {
     /// Whether the tables are there, in this build's format.
     fn is_made(&self) -> anyhow::Result<bool> {
         // The library's message of a damaged table may quote lines of it.
-        let quoted = |error| anyhow!("{}: {}", named(&self.path), line(&format!("{error:#}")));
+        let quoted = |error| anyhow!("{}: {}", named(&self.path), excerpt(&format!("{error:#}")));
         is_made(&self.connection).map_err(quoted)
     }
 
@@ -134,9 +136,12 @@ fn no_history(path: &Path) -> String {
     format!("there is no history in {}: `fathom history add DIR` makes one", named(path))
 }
 
-/// A history's file for messages.
+/// A history's file for messages. What names no file may hold a password: it is not repeated.
 fn named(path: &Path) -> String {
-    line(&path.display().to_string())
+    if path.exists() || path == Path::new(DEFAULT_FILE) {
+        return line(&path.display().to_string());
+    }
+    format!("the file that --db or {VARIABLE} names")
 }
 
 fn is_made(connection: &Connection) -> anyhow::Result<bool> {

@@ -33,6 +33,7 @@ use thiserror::Error;
 
 use caustics_image::{CausticsPair, IMAGE_ERROR};
 use fathom_base::parameter::{self, ParamError, ParamField, Setting};
+use fathom_base::text;
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo, TimedStage};
 use fathom_record::{ErrorFigure, PictureScale, Work};
 use fathom_reference::cache::{AnswerCache, AnswerKey};
@@ -476,7 +477,7 @@ pub fn read<T: Parameters>(tree: &Value) -> Result<T, ParamError> {
 /// # Errors
 /// A tree of another kind.
 pub fn typed<T: DeserializeOwned>(tree: &Value) -> Result<T, ParamError> {
-    T::deserialize(tree).map_err(|error| ParamError::Unfit(error.to_string()))
+    T::deserialize(tree).map_err(|error| ParamError::Unfit(text::fault(error)))
 }
 
 /// fathom's own pipelines. Adding one adds a line.

@@ -260,8 +260,8 @@ fn parse(line: &[u8], end: LineEnd) -> Result<Result<Record, String>, u64> {
     }
     Ok(match serde_json::from_slice::<Record>(line) {
         Ok(record) => record.check().map(|()| record),
-        Err(error) if error.is_data() => Err(format!("not a record: {error}")),
-        Err(error) => Err(format!("not JSON: {error}")),
+        Err(error) if error.is_data() => Err(format!("not a record: {}", text::fault(error))),
+        Err(error) => Err(format!("not JSON: {}", text::fault(error))),
     })
 }
 

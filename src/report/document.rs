@@ -1,5 +1,7 @@
 //! A document: parts in their order. Three writers turn them into text for a terminal, Markdown and HTML.
 
+use std::collections::HashSet;
+
 use maud::{Markup, PreEscaped, html};
 
 use fathom_base::text;
@@ -270,8 +272,9 @@ impl Table {
 
     /// Makes columns with these titles those of another kind.
     pub fn with(mut self, kind: ColumnKind, titles: &[&str]) -> Table {
+        let titles: HashSet<&str> = titles.iter().copied().collect();
         let columns = self.columns.iter_mut();
-        columns.filter(|(title, _)| titles.contains(&title.as_str())).for_each(|c| c.1 = kind);
+        columns.filter(|(title, _)| titles.contains(title.as_str())).for_each(|c| c.1 = kind);
         self
     }
 

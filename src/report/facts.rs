@@ -92,8 +92,8 @@ pub fn stage_shares(measured: &Measured) -> Vec<(&StageRecord, Vec<f64>)> {
 }
 
 /// A frame for each pipeline, in the order in which the plan first has them.
-pub fn representatives<'a>(view: &Report<'a>) -> Vec<Representative<'a>> {
-    let frames = view.sections.iter().flat_map(|section| {
+pub(super) fn representatives<'a>(sections: &[Section<'a>]) -> Vec<Representative<'a>> {
+    let frames = sections.iter().flat_map(|section| {
         section.timed().map(|(cell, measured)| {
             let settings = section.settings(cell);
             Representative { cell, measured, settings, distance: Distance::default() }
@@ -136,7 +136,7 @@ fn rank(frame: &Representative<'_>) -> (bool, Distance) {
 
 /// Of the representative frames the first by the same order.
 pub fn default_frame<'a>(view: &Report<'a>) -> Option<Representative<'a>> {
-    representatives(view).into_iter().min_by_key(rank)
+    view.representatives.iter().copied().min_by_key(rank)
 }
 
 /// A stage and the representative frame that it is of.
@@ -149,7 +149,7 @@ pub struct SlowStage<'a> {
 /// The slowest stage of each representative frame, the frame nearest to the defaults first. Stages of different pipelines are not
 /// ranked: their frames differ in scene and size.
 pub fn slowest_stages<'a>(view: &Report<'a>) -> impl Iterator<Item = SlowStage<'a>> {
-    let frames = representatives(view).into_iter().sorted_by_key(rank);
+    let frames = view.representatives.iter().copied().sorted_by_key(rank);
     frames.filter_map(|frame| Some(SlowStage { frame, stage: frame.slowest()? }))
 }
 
@@ -387,7 +387,7 @@ mod tests {
     #[test]
     fn the_frame_nearest_to_the_defaults_stands_for_its_pipeline() {
         let view = testing::view();
-        let frames = representatives(&view);
+        let frames = &view.representatives;
         let pipelines: Vec<&str> = frames.iter().map(|f| f.cell.pipeline.as_str()).collect();
         assert!(pipelines.iter().all_unique() && pipelines.len() > 5, "{pipelines:?}");
         let underwater = frames.iter().find(|f| f.cell.pipeline == "underwater").unwrap();
@@ -398,7 +398,7 @@ mod tests {
     #[test]
     fn shares_of_a_frame_add_up_and_have_intervals() {
         let view = testing::view();
-        for frame in representatives(&view) {
+        for frame in &view.representatives {
             let stages = frame.stages();
             let sum: f64 = stages.iter().map(|stage| stage.share.median).sum();
             assert!((sum - 1.0).abs() < 0.05, "{}: {sum}", frame.cell.pipeline);
@@ -410,7 +410,7 @@ mod tests {
     fn each_pipeline_has_its_slowest_stage() {
         let view = testing::view();
         let slow: Vec<SlowStage<'_>> = slowest_stages(&view).collect();
-        assert_eq!(slow.len(), representatives(&view).len());
+        assert_eq!(slow.len(), view.representatives.len());
         assert_eq!(slow[0].frame.cell.experiment, "uw-default");
         for SlowStage { frame, stage } in slow {
             assert!(frame.stages().iter().all(|other| other.share.median <= stage.share.median));

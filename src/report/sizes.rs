@@ -188,7 +188,7 @@ impl<'v> Sizes<'v> {
             }
             Err(reason) => format!("– {reason}"),
         };
-        let change = match change_of_exponent(&points) {
+        let change = match change_of_exponent(points) {
             Knee::Seen(seen) => {
                 format!("at {}: {:.1} to {:.1}", place(&seen), seen.before, seen.after)
             }

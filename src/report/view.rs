@@ -14,6 +14,7 @@ use serde_json::Value;
 use super::charts::{self, Figure};
 use super::colors::StageColors;
 use super::document::Span;
+use super::facts::{self, Representative};
 use fathom_base::private;
 use fathom_experiments as experiments;
 use fathom_experiments::schema::Claim;
@@ -29,6 +30,8 @@ pub struct Report<'a> {
     pub sections: Vec<Section<'a>>,
     /// Of every stage that was measured, but not of the CPU's part of a frame.
     pub colors: Rc<StageColors>,
+    /// See [`Representative`].
+    pub representatives: Vec<Representative<'a>>,
     /// Where the run's pictures lie.
     pub folder: Option<PathBuf>,
     /// Of a run that goes on.
@@ -125,6 +128,7 @@ impl<'a> Report<'a> {
             (section.run, section.colors) = (run, Rc::clone(&view.colors));
             section.finish();
         }
+        view.representatives = facts::representatives(&view.sections);
         view
     }
 

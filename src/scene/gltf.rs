@@ -14,8 +14,9 @@ use glam::{DMat4, Mat4, Vec3};
 
 use super::Mesh;
 use super::mesh_file::MeshPart;
-use super::read::{self, BYTE_ORDER_MARK, MAX_VERTICES};
-use fathom_base::input::Limited;
+use super::read::{self, MAX_VERTICES};
+use fathom_base::input::{BYTE_ORDER_MARK, Limited};
+use fathom_base::text::{excerpt, fault};
 
 /// Largest file, bytes: its JSON and its buffers stand in memory more than once.
 const MAX_FILE: u64 = 192 << 20;
@@ -33,9 +34,9 @@ pub fn read(
     let bytes = Limited::new(file, MAX_FILE).bytes().map_err(|error| error.to_string())?;
     let is_binary = bytes.starts_with(b"glTF");
     let (text, chunk) = if is_binary { chunks(&bytes)? } else { (bytes.as_slice(), None) };
-    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
+    let text = text.strip_prefix(BYTE_ORDER_MARK.as_bytes()).unwrap_or(text);
     check_size(text)?;
-    let root: Root = deserialize::from_slice(text).map_err(|error| error.to_string())?;
+    let root: Root = deserialize::from_slice(text).map_err(fault)?;
     let document = checked(root)?;
     notes.extend(unread(&document));
     let uris = document.as_json().buffers.iter().map(|buffer| buffer.uri.as_deref());
@@ -83,7 +84,7 @@ fn checked(mut root: Root) -> Result<Document, String> {
     let is_of_looks = |name: &String| OF_LOOKS.iter().any(|start| name.starts_with(start));
     root.extensions_required.retain(|name| !is_of_looks(name));
     if let Some(name) = root.extensions_required.first() {
-        let name = read::clipped(name);
+        let name = excerpt(name);
         return Err(format!("it requires the extension {name}: export it without"));
     }
     // The crate uses these before it checks them.
@@ -111,7 +112,7 @@ fn unread(document: &Document) -> Vec<String> {
         (!primitives().all(|of| is_of_triangles(&of)), "points and lines are not read"),
     ];
     let kinds = kinds.into_iter().filter(|(is_there, _)| *is_there);
-    let extensions = document.extensions_used().map(read::clipped);
+    let extensions = document.extensions_used().map(excerpt);
     let extensions = extensions.map(|name| format!("the extension {name} is not read"));
     kinds.map(|(_, what)| what.to_owned()).chain(extensions).collect()
 }

@@ -12,6 +12,7 @@ use tobj::{LoadError, LoadOptions};
 use super::read::{self, FileReader, MAX_VERTICES};
 use super::{Mesh, polygon};
 use fathom_base::input::{LineEnd, next_line};
+use fathom_base::text::excerpt;
 
 /// Longest line that is read, with those that it continues on, bytes.
 const MAX_LINE: usize = 1 << 16;
@@ -169,7 +170,7 @@ impl<R: BufRead> Statements<R> {
             }
             Some("f") => self.face(&words.collect::<Vec<_>>())?,
             Some(keyword) if self.unknown.len() < MAX_UNKNOWN => {
-                self.unknown.entry(read::clipped(keyword)).or_insert(self.number);
+                self.unknown.entry(excerpt(keyword)).or_insert(self.number);
             }
             _ => {}
         }
@@ -215,7 +216,7 @@ impl<R: BufRead> Statements<R> {
         let position = parts.next().unwrap_or_default();
         let normal = parts.nth(1).filter(|normal| !normal.is_empty());
         if parts.next().is_some() {
-            return Err(format!("`{}` is no corner of a face", read::clipped(text)));
+            return Err(format!("`{}` is no corner of a face", excerpt(text)));
         }
         let normal = normal.map(|normal| Ok(NO_NORMAL + index(normal, self.normals)?));
         Ok((index(position, self.positions)?, normal.unwrap_or(Ok::<_, String>(NO_NORMAL))?))
@@ -241,7 +242,7 @@ fn counted(count: usize, what: &str) -> Result<usize, String> {
 
 /// An index from 1; a negative one counts back from the last that was read. What a positive one names may follow later.
 fn index(text: &str, count: usize) -> Result<usize, String> {
-    let number: i64 = text.parse().map_err(|_| format!("`{}` is no index", read::clipped(text)))?;
+    let number: i64 = text.parse().map_err(|_| format!("`{}` is no index", excerpt(text)))?;
     let index = match number {
         1.. => number,
         _ => number.saturating_add(count as i64 + 1),

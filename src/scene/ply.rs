@@ -5,6 +5,7 @@ use std::str::{FromStr, SplitAsciiWhitespace};
 
 use super::read::{self, FileReader, MAX_TRIANGLES, MAX_VERTICES};
 use super::{Mesh, polygon};
+use fathom_base::text::excerpt;
 
 /// Longest line that is read, bytes.
 const MAX_LINE: u64 = 1 << 16;
@@ -186,9 +187,8 @@ impl LineReader {
 
     fn number_in<T: FromStr>(&self, words: &mut SplitAsciiWhitespace) -> Result<T, String> {
         let word = words.next().ok_or_else(|| self.fault("the line has too few numbers"))?;
-        word.parse().map_err(|_| {
-            self.fault(format!("`{}` is not a valid number here", read::clipped(word)))
-        })
+        word.parse()
+            .map_err(|_| self.fault(format!("`{}` is not a valid number here", excerpt(word))))
     }
 
     fn fault(&self, what: impl AsRef<str>) -> String {

@@ -3,10 +3,7 @@
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 
-use fathom_base::input;
-
-/// What some editors put before text.
-pub const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+use fathom_base::input::{self, BYTE_ORDER_MARK};
 
 /// Most bytes that are read from one file, after decompression.
 pub const MAX_BYTES: u64 = 512 << 20;
@@ -24,7 +21,7 @@ pub type FileReader = BufReader<Box<dyn Read>>;
 /// Text of UTF-8 without the byte order mark, its lines ended by a line feed alone.
 pub fn text_of(file: Box<dyn Read>) -> io::Result<FileReader> {
     let mut source = BufReader::new(file);
-    if source.fill_buf()?.starts_with(BYTE_ORDER_MARK) {
+    if source.fill_buf()?.starts_with(BYTE_ORDER_MARK.as_bytes()) {
         source.consume(BYTE_ORDER_MARK.len());
     }
     Ok(BufReader::new(Box::new(LineFeeds { source, after_return: false })))
@@ -72,9 +69,4 @@ pub fn too_many_triangles(most: usize) -> String {
             "more than {most} triangles, which the scene's other objects leave of {MAX_TRIANGLES}"
         )
     }
-}
-
-/// Enough of a word to know it by.
-pub fn clipped(word: &str) -> String {
-    word.chars().take(24).collect()
 }

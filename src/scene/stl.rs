@@ -5,7 +5,8 @@ use std::io::{self, Cursor, Read};
 
 use super::Mesh;
 use super::read::{self, MAX_VERTICES, text_of};
-use fathom_base::input::{LineEnd, next_line};
+use fathom_base::input::{BYTE_ORDER_MARK, LineEnd, next_line};
+use fathom_base::text::excerpt;
 
 /// Bytes before the triangles of a binary file, and of one triangle.
 const HEADER: usize = 84;
@@ -24,7 +25,7 @@ pub fn read(
     let mut start = Vec::new();
     (&mut file).take(START).read_to_end(&mut start).map_err(|error| error.to_string())?;
     let words = String::from_utf8_lossy(&start).to_ascii_lowercase();
-    let is_solid = words.trim_start_matches('\u{feff}').trim_start().starts_with("solid");
+    let is_solid = words.trim_start_matches(BYTE_ORDER_MARK).trim_start().starts_with("solid");
     let is_text = is_solid && (words.contains("facet") || words.contains("endsolid"));
     let mut facets = Facets { most_corners: triangles.saturating_mul(3), ..Facets::default() };
     let file = Box::new(Cursor::new(start).chain(file));
@@ -125,7 +126,7 @@ impl Facets {
                 Err("a facet has three corners".to_owned())
             }
             "" | "solid" | "facet" | "outer" | "endloop" | "endfacet" | "endsolid" => Ok(()),
-            other => Err(format!("`{}` begins no line of an STL file", read::clipped(other))),
+            other => Err(format!("`{}` begins no line of an STL file", excerpt(other))),
         }
     }
 }

@@ -7,7 +7,7 @@ use toml::{Table, Value};
 
 use super::{SceneError, check};
 use fathom_base::embedded::Folders;
-use fathom_base::input;
+use fathom_base::{input, text};
 
 /// How far a chain of `base` scenes may go.
 const MAX_BASES: usize = 4;
@@ -135,7 +135,7 @@ fn fault(origin: &str, text: &str, error: &toml::de::Error) -> SceneError {
         .span()
         .and_then(|span| text.get(..span.start))
         .map(|before| format!("line {}: ", before.matches('\n').count() + 1));
-    let message = named(&error.message().replace('\n', " "));
+    let message = named(error.message());
     let message = format!("{}{message}", line.unwrap_or_default());
     SceneError::Parse { origin: origin.to_owned(), message }
 }
@@ -147,9 +147,9 @@ fn named(message: &str) -> String {
         (true, Some((unknown, valid))) => {
             let hint = check::hint(unknown, valid.iter().copied());
             let kind = message.split('`').next().unwrap_or_default().trim().replace("field", "key");
-            format!("{kind} `{unknown}`: {hint}")
+            format!("{kind} `{}`: {hint}", text::excerpt(unknown))
         }
-        _ => message.to_owned(),
+        _ => text::fault(message),
     }
 }
 

@@ -115,7 +115,7 @@ fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
     let place = Place::new();
     run(&place, "--resume").refused("no run to resume in ");
     assert!(!place.path("out").exists());
-    place.write("out/summary.md", "a good summary");
+    place.write("out/summary.md", "a summary by fathom");
     for garbage in ["", "{\"record\":\"run\",\"sche", "one\ntwo\n", "\0\0\0\0"] {
         place.write("out/records.jsonl", garbage);
         place.fathom("report out").refused("holds no sound record");
@@ -123,7 +123,7 @@ fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
             run(&place, "--resume").refused("holds no sound record");
         }
         assert_eq!(place.read("out/records.jsonl"), garbage);
-        assert_eq!(place.read("out/summary.md"), "a good summary");
+        assert_eq!(place.read("out/summary.md"), "a summary by fathom");
     }
 }
 
@@ -139,7 +139,7 @@ fn recorded(place: &Place) {
 
 /// What a link, a pipe or a folder in the way comes to is tested in `base::folder`.
 #[test]
-fn reports_and_what_a_user_names_are_written_through_no_link_and_no_pipe() {
+fn reports_and_what_a_user_names_are_written_over_no_link_no_pipe_and_no_other_programs_file() {
     let place = Place::new();
     recorded(&place);
     let precious = place.write("precious", "keep");
@@ -147,15 +147,27 @@ fn reports_and_what_a_user_names_are_written_through_no_link_and_no_pipe() {
         std::os::unix::fs::symlink(&precious, place.path(name)).unwrap();
     }
     pipe(&place.path("pipe.png"));
+    let others = ["site/index.html", "new/summary.md", "swept/sweep.toml", "compared/junit.xml"];
+    others.iter().for_each(|name| drop(place.write(name, "not by f-a-t-h-o-m")));
+    let sweep = "sweep underwater --scene tank --axis surface.cells=16,17";
     for (words, reason) in [
         ("report out", "`index.html` is a symbolic link"),
         ("export csv out -o link", "`link` is a symbolic link"),
         (&format!("render tank -o pipe.png {SMALL}"), "`pipe.png` is a pipe or a device"),
-        ("compare --base-bin pipe.png --out compared", "it is a pipe or a device"),
+        ("compare --base-bin pipe.png --out elsewhere", "it is a pipe or a device"),
+        ("report out --out site", "`index.html` is there, and not by fathom"),
+        ("run uw-default --out new", "`summary.md` is there, and not by fathom"),
+        (&format!("{sweep} --out swept"), "`sweep.toml` is there, and not by fathom"),
+        (
+            "compare --base-cmd true --head-cmd true --out compared",
+            "`junit.xml` is there, and not by fathom",
+        ),
     ] {
         place.fathom(words).refused(reason);
     }
     assert_eq!(place.read("precious"), "keep");
+    assert!(others.iter().all(|name| place.read(name) == "not by f-a-t-h-o-m"));
+    assert_eq!(names(&place.path("new")), ["summary.md"]);
     place.write("old.csv", "old");
     place.fathom("export csv out -o old.csv").ends(0);
     holds(&place.read("old.csv"), &["own"]);

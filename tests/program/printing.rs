@@ -42,6 +42,26 @@ fn an_answer_on_a_full_disk_is_an_error_and_a_reader_that_has_had_enough_is_none
 }
 
 #[test]
+fn a_message_repeats_little_of_names_and_files() {
+    let place = recorded();
+    let (long, spaced) = ("x".repeat(90_000), "a b ".repeat(50_000));
+    place.write("a.toml", format!("id = [\"{spaced}\"]\nname = [\"{spaced}\"]"));
+    place.write("a.gltf", format!("{{\"asset\":\"{spaced}\"}}"));
+    place.write("run/records.jsonl", format!("\"{spaced}\""));
+    for words in [
+        "export LONG run",
+        "run LONG",
+        "run a.toml",
+        "render a.toml",
+        "render a.gltf",
+        "report run",
+    ] {
+        let error = place.fathom(words.replace("LONG", &long)).ends(2).err;
+        assert!((20..900).contains(&error.len()), "{words}: {error}");
+    }
+}
+
+#[test]
 fn reports_are_written_whatever_can_be_printed() {
     for name in ["full", "unread"] {
         let place = recorded();

@@ -13,10 +13,17 @@ use fathom_record::Cell;
 /// More than 1 by the least step: what rises is more than what it rises from.
 const ABOVE_ONE: [f64; 2] = [1.0 + f64::EPSILON, f64::INFINITY];
 
+/// Values of which each is compared with all others.
+const MAX_COMPARED: usize = 200;
+
 pub(super) fn independent(y: &Measure, over: &str, tolerance: f64, cells: &[&Cell]) -> Tested {
     let readings = labelled(y, over, cells);
     if readings.len() < 2 {
         return Err(too_few(readings.len(), "2 are needed"));
+    }
+    if readings.len() > MAX_COMPARED {
+        let count = readings.len();
+        return Err(format!("{count} values: at most {MAX_COMPARED} are compared with each other"));
     }
     let band = [1.0 / (1.0 + tolerance), 1.0 + tolerance];
     let pairs = readings.iter().array_combinations();

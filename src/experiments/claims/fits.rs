@@ -63,7 +63,7 @@ pub fn scaling(
     cells: &[&Cell],
     max_fixed_share: f64,
 ) -> Result<Scaling, String> {
-    let points = thin_out(readings(y, x, cells));
+    let points = thin_out(readings(y, x, cells), MAX_POINTS);
     if points.len() < 3 {
         return Err(too_few(points.len(), "a slope needs 3"));
     }
@@ -149,15 +149,14 @@ fn by_round(points: &[(f64, Quantity)], figure: impl Fn(&[(f64, f64)]) -> Option
     Quantity::Sampled(samples.collect())
 }
 
-/// At most [`MAX_POINTS`], spread over the points in the order of their x.
-fn thin_out<T>(mut points: Vec<(f64, T)>) -> Vec<(f64, T)> {
+/// At most so many, spread over the points in the order of their x.
+pub fn thin_out<T>(mut points: Vec<(f64, T)>, most: usize) -> Vec<(f64, T)> {
     let n = points.len();
-    if n <= MAX_POINTS {
+    if n <= most {
         return points;
     }
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let chosen: HashSet<usize> =
-        (0..MAX_POINTS).map(|index| index * (n - 1) / (MAX_POINTS - 1)).collect();
+    let chosen: HashSet<usize> = (0..most).map(|index| index * (n - 1) / (most - 1)).collect();
     let points = points.into_iter().enumerate().filter(|(place, _)| chosen.contains(place));
     points.map(|(_, point)| point).collect()
 }
@@ -219,7 +218,7 @@ impl LinearFit {
 
 /// Each cell's distance from the line through all of them, relative to the line.
 pub(super) fn affine(y: &Measure, x: &Measure, tolerance: f64, cells: &[&Cell]) -> Tested {
-    let points = thin_out(readings(y, x, cells));
+    let points = thin_out(readings(y, x, cells), MAX_POINTS);
     let (Some(line), true) = (LinearFit::fit(&medians(&points)), points.len() > 3) else {
         return Err(too_few(points.len(), "a straight line needs 4"));
     };

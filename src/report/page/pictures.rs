@@ -3,6 +3,7 @@
 mod embed;
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
 use maud::{Markup, html};
 
@@ -57,7 +58,9 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     Some(html! {
         p.lead {
             "The cells' last frames, compressed with loss if that is smaller. In a picture of errors white means no error. "
-            span.script-only { "The slider shows two pictures of an experiment at the same place." }
+            @if groups.iter().any(|group| group.shown.len() > 1) {
+                span.script-only { "The slider shows two pictures of an experiment at the same place." }
+            }
         }
         @for group in groups { (group_pictures(page, group)) }
         @if !left_out.is_empty() { (missing(&left_out)) }
@@ -72,8 +75,10 @@ fn group<'p>(
 ) -> PictureGroup<'p> {
     let mut shown = Vec::new();
     let Some(folder) = &run.view.folder else { return PictureGroup { run, section, shown } };
+    // Records are often kept without the folder of their pictures.
+    let is_kept = |of: &&Picture| folder.join(&of.path).parent().is_some_and(Path::is_dir);
     for (cell, measured) in section.measured() {
-        for picture in &measured.pictures {
+        for picture in measured.pictures.iter().filter(is_kept) {
             match embedder.embed(folder, picture) {
                 Ok(embedded) => shown.push(PagePicture { cell, picture, embedded }),
                 Err(reason) => left_out.push(SkippedInput { what: picture.path.clone(), reason }),

@@ -59,7 +59,7 @@ pub fn bars(page: &Page<'_>) -> Option<String> {
 fn frames<'a>(page: &'a Page<'a>) -> Vec<SameFrame<'a>> {
     let first = page.runs.iter().find_map(|run| facts::default_frame(run.view));
     let first = first.map(|frame| frame.cell.pipeline.as_str());
-    let all = page.runs.iter().flat_map(|run| facts::representatives(run.view));
+    let all = page.runs.iter().flat_map(|run| run.view.representatives.iter().copied());
     let chosen = all.unique_by(|frame| frame.cell.pipeline.as_str());
     let ordered = chosen.sorted_by_key(|frame| Some(frame.cell.pipeline.as_str()) != first);
     let in_runs = ordered.map(|frame| {

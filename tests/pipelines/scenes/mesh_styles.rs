@@ -137,6 +137,11 @@ fn gltfs() -> Vec<(&'static str, &'static str, Vec<u8>)> {
         ("normals that are no numbers", NORMALS, normals([f32::NAN, 0.0, 1.0])),
         ("long normals", NORMALS, normals([0.0, 0.0, 7.0])),
         (
+            "extras that are no objects",
+            r#"{"asset"|{"extras":"a","asset"|{"mesh":0}|{"extras":7.5,"mesh":0}|N":0}|N":0},"extras":[1,{},null]|"type":"VEC3"|"type":"VEC3","extras":null"#,
+            fan.clone(),
+        ),
+        (
             "an extension of looks",
             r#"{"asset"|{"extensionsRequired":["KHR_materials_unlit"],"asset""#,
             fan.clone(),

@@ -281,6 +281,13 @@ fn other_databases_are_left_as_they_are() {
         }
         assert_eq!(std::fs::read(place.path(db)).ok(), before);
     }
+    let address = "postgres://me:secret@host/db";
+    for (words, reason) in
+        [("list", "the file that --db or "), (&add("run", "c0ffee"), "no address")]
+    {
+        let error = history(&place.path(""), address, words).refused(reason);
+        assert!(!error.contains("secret"), "{error}");
+    }
 }
 
 /// From the records of each night to what is told: the machine is slower from the 12th night on, and the program makes cell 0 slower in

@@ -36,7 +36,9 @@
       const width = Math.max(320, source.width);
       stage.style.width = `${width}px`;
       stage.style.aspectRatio = `${source.width} / ${source.height}`;
-      told.textContent = [left, right].map((select, side) => `${side ? "Right" : "Left"}: ${figures[select.value].querySelector("figcaption").innerText.replace(/\n/g, ". ")}`).join("\n");
+      /* What is folded has no inner text. */
+      const words = (select) => fathom.all("figcaption > span", figures[select.value]).map((span) => span.textContent).join(". ");
+      told.textContent = `Left: ${words(left)}\nRight: ${words(right)}`;
       move();
     };
     const drag = (event) => {
@@ -54,8 +56,9 @@
     show();
   };
 
-  fathom.all("details.pictures").forEach((details) => {
-    const holder = details.querySelector(".slider");
+  /* A group of one picture has no slider. */
+  fathom.all("details.pictures .slider").forEach((holder) => {
+    const details = holder.closest("details");
     const build = () => { if (details.open && !holder.firstChild) slider(holder); };
     details.addEventListener("toggle", build);
     build();

@@ -1,5 +1,3 @@
-use std::path::Path;
-
 use super::*;
 use crate::Report;
 use crate::testing::page;
@@ -105,6 +103,8 @@ fn only_parameters_that_differ_are_told() {
 }
 
 #[test]
-fn without_a_folder_there_is_no_section() {
+fn without_a_folder_of_pictures_there_is_no_section() {
     assert_eq!(written(&run(&[picture("a.png", None)]), None), "");
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(written(&run(&[picture("renders/a.png", None)]), Some(folder.path())), "");
 }
