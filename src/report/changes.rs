@@ -69,7 +69,7 @@ impl RunChanges {
             ),
             Some(reason) => format!("times not compared: {reason}"),
         };
-        let frames = facts::representatives(views[1]);
+        let frames = facts::representatives(&views[1].sections);
         let is_shown = |cells: &&[&Cell; 2]| {
             untimed.is_none() && frames.iter().any(|frame| std::ptr::eq(frame.cell, cells[1]))
         };

@@ -91,7 +91,7 @@ fn every_time_stands_beside_its_like_with_the_intervals_of_both_runs() {
     assert_eq!(row(&first.stage), [&stage_ms(first), &stage_ms(first), "–"], "another clock");
     assert_eq!(row(&second.stage), [&stage_ms(second), &stage_ms(second), "1.00"]);
     let frames = table.lines().filter(|line| line.contains("  frame  ")).count();
-    assert_eq!(frames, facts::representatives(&Report::new(&head, None)).len(), "{table}");
+    assert_eq!(frames, facts::representatives(&Report::new(&head, None).sections).len(), "{table}");
     head[0].try_as_run_mut().unwrap().adapter.name = "Another".to_owned();
     let text = changes(base, head).into_text();
     assert!(text.starts_with("exact figures of ") && !text.contains("\nTimes\n"), "{text}");
