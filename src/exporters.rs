@@ -12,10 +12,8 @@ use crate::judge::files::RunFile;
 use crate::judge::store::{Comparison, holds_comparison};
 use crate::judge::verdict::Verdicts;
 use crate::private;
-use crate::record::comparison::Gate;
 use crate::record::output::RECORDS;
 use crate::record::{self, RecordFile};
-use crate::report::changes::RunChanges;
 use crate::report::charts::png::Rasterizer;
 use crate::report::comparison::on_page;
 use crate::report::page::{self, ComparisonOnPage, Page};
@@ -136,22 +134,14 @@ impl ReportFolders {
         Ok(())
     }
 
-    /// What changed from the first of two runs to the second; an error of fewer or more, and where they have no cell in common.
-    pub fn changes(&self) -> anyhow::Result<RunChanges> {
-        let [base, head] = self.runs.as_slice() else { bail!("these are not two runs") };
-        RunChanges::from_files([base, head], &Gate::ALL)
-    }
-
     /// One page of all.
     pub fn page(self) -> Artifact {
-        let changes = self.changes().ok().map(|changes| changes.into_parts());
-        let folders = self.runs.iter().map(|file| file.path.parent().unwrap_or(Path::new("")));
-        let records = self.runs.iter().map(|file| &file.reading.records);
-        let views = folders.zip(records);
-        let views: Vec<(&Path, Report<'_>)> =
-            views.map(|(folder, records)| (folder, Report::new(records, Some(folder)))).collect();
-        let Self { comparisons, left_out, .. } = self;
-        Page { changes, comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
+        let Self { runs, comparisons, left_out } = self;
+        let views = runs.iter().map(|RunFile { path, reading }| {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            (folder, Report::new(&reading.records, Some(folder)))
+        });
+        Page { comparisons, left_out, ..Page::new(page::labelled(&views.collect_vec())) }.file()
     }
 }
 

@@ -38,6 +38,23 @@ pub fn is_there(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
 
+/// The folder for what fathom can make again, by each system's convention.
+pub fn user_cache() -> Option<PathBuf> {
+    let absolute = |name: &str| {
+        std::env::var_os(name).map(PathBuf::from).filter(|folder| folder.is_absolute())
+    };
+    let home = std::env::home_dir().filter(|home| !home.as_os_str().is_empty());
+    if cfg!(windows) {
+        let local = absolute("LOCALAPPDATA").or_else(|| Some(home?.join("AppData/Local")));
+        return Some(local?.join("fathom/cache"));
+    }
+    if cfg!(target_os = "macos") {
+        return Some(home?.join("Library/Caches/fathom"));
+    }
+    let cache = absolute("XDG_CACHE_HOME").or_else(|| Some(home?.join(".cache")));
+    Some(cache?.join("fathom"))
+}
+
 impl Dir {
     pub fn open(path: &Path) -> io::Result<Self> {
         // Only a folder has entries: anything else is an error.

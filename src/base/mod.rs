@@ -14,3 +14,12 @@ pub mod process;
 pub mod quiet;
 pub mod statistics;
 pub mod text;
+
+/// How this program was built: cargo's profile, the compiler, its flags and for what.
+pub const BUILT_WITH: [(&str, &str); 5] = [
+    ("profile", env!("FATHOM_PROFILE")),
+    ("opt-level", env!("FATHOM_OPT_LEVEL")),
+    ("target", env!("FATHOM_TARGET")),
+    ("flags", env!("FATHOM_FLAGS")),
+    ("compiler", env!("FATHOM_COMPILER")),
+];

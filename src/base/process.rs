@@ -1,12 +1,13 @@
 //! Child processes with limits: of their time, and of what is kept of their words. Each has a process group of its own, which ends with it.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::fmt;
-use std::io::{self, BufReader, Read};
-use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::io::{self, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Mutex, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -30,6 +31,17 @@ const POLL: Duration = Duration::from_millis(2);
 /// How long a killed process is waited for: one within a call of the system that does not end outlasts its kill.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 
+/// Keeps a list of groups until its input ends, which it does with the process that writes it; then it ends them.
+#[cfg(unix)]
+const END_GROUPS: &str = r#"groups=" "
+while read -r sign group; do
+    case $sign in
+    +) groups="$groups$group " ;;
+    -) groups="${groups%% "$group" *} ${groups#* "$group" }" ;;
+    esac
+done
+for group in $groups; do kill -9 "-$group"; done"#;
+
 /// A child with the processes of its group. They end when this is dropped.
 pub struct ProcessTree {
     pub child: Child,
@@ -40,14 +52,40 @@ pub struct ProcessTree {
 impl ProcessTree {
     /// Starts a command. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
+        for name in git_variables().lines() {
+            command.env_remove(name);
+        }
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
         let child = command.spawn()?;
+        watch('+', child.id());
         Ok(Self { group: Some(child.id()), child })
     }
 
     pub fn id(&self) -> u32 {
         self.child.id()
+    }
+
+    /// The programs that its group runs, each with its script: the first argument that is a file. None outside Linux.
+    #[cfg(target_os = "linux")]
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        let is_own = |process: &procfs::process::Process| {
+            process.stat().is_ok_and(|stat| Some(stat.pgrp as u32) == self.group)
+        };
+        let all = procfs::process::all_processes().into_iter().flatten().flatten();
+        let files = all.filter(is_own).flat_map(|process| {
+            let (arguments, folder) = (process.cmdline().unwrap_or_default(), process.cwd());
+            let folder = folder.unwrap_or_default();
+            let paths = arguments.iter().skip(1).map(|argument| folder.join(argument));
+            let script = paths.filter(|path| path.is_file()).take(1);
+            process.exe().into_iter().chain(script).collect::<Vec<_>>()
+        });
+        files.collect()
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        BTreeSet::new()
     }
 
     /// Its status, if it ends within this time.
@@ -66,11 +104,40 @@ impl ProcessTree {
         self.child.stdin = None;
         if let Some(group) = self.group.take() {
             kill_group(group);
+            watch('-', group);
             let _ = self.child.kill();
             let _ = self.status_within(SHUTDOWN_TIMEOUT);
         }
     }
 }
+
+/// The variables in which git names the repository and the index of its caller, a hook. No child may take them for its own.
+fn git_variables() -> &'static str {
+    static NAMES: OnceLock<String> = OnceLock::new();
+    NAMES.get_or_init(|| {
+        let names = Command::new("git").args(["rev-parse", "--local-env-vars"]).output();
+        names.map_or_else(|_| String::new(), |names| String::from_utf8_lossy(&names.stdout).into())
+    })
+}
+
+/// Says that a group has begun (+) or ended (-) to a shell that ends those left when this process is killed.
+#[cfg(unix)]
+fn watch(sign: char, group: u32) {
+    static WATCHER: OnceLock<Option<Mutex<ChildStdin>>> = OnceLock::new();
+    let start = || {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", END_GROUPS]).stdin(Stdio::piped());
+        shell.stdout(Stdio::null()).stderr(Stdio::null());
+        std::os::unix::process::CommandExt::process_group(&mut shell, 0);
+        shell.spawn().ok()?.stdin.map(Mutex::new)
+    };
+    if let Some(Ok(mut watcher)) = WATCHER.get_or_init(start).as_ref().map(Mutex::lock) {
+        let _ = watcher.write_all(format!("{sign} {group}\n").as_bytes());
+    }
+}
+
+#[cfg(not(unix))]
+fn watch(_: char, _: u32) {}
 
 #[cfg(unix)]
 fn kill_group(group: u32) {

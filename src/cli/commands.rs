@@ -23,12 +23,12 @@ use crate::report::charts::png::Rasterizer;
 use crate::report::{self, Artifact, Report};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, print, private, quiet, record, text};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::{AdapterArgs, AnswerArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs};
+use super::{AdapterArgs, AnswerArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs, WorkerArgs};
 
 /// Where figures go that are not told where.
 const FIGURES_FOLDER: &str = "figures";
@@ -351,21 +351,16 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> ExitResult {
     list_files(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
-/// Of one folder all its files, beside its records. Of several, or into another folder, one page. Of two runs what changed is
-/// printed, with a page or without.
+/// Of one folder all its files, beside its records. Of several, or into another folder, one page.
 pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>, png: bool) -> ExitResult {
     if let ([folder], None) = (folders.as_slice(), &out) {
         return list_files(report_of(folder, png)?);
     }
     anyhow::ensure!(!png, "--png is for the plots of one folder, without --out");
-    let read = exporters::ReportFolders::read(&folders)?;
-    let changes = read.changes().map(|changes| print::answer(changes.into_text()));
-    match out {
-        Some(out) => write_into(&out, vec![read.page()]),
-        None => changes.map(|()| ExitCode::SUCCESS).context(
-            "nothing to compare: for one page of these folders say with --out where to write it",
-        ),
-    }
+    let out = out.context(
+        "several folders make one page: say with --out where to write it; `fathom compare` of two files of records prints what changed",
+    )?;
+    write_into(&out, vec![exporters::ReportFolders::read(&folders)?.page()])
 }
 
 /// The sound records of a folder; the others are named. `hint` ends with the name of the file that should be there.
@@ -384,9 +379,14 @@ fn report_of(folder: &Path, png: bool) -> anyhow::Result<Vec<PathBuf>> {
     exporters::write(&output.folder, reading, png.as_ref())
 }
 
-pub fn worker(catalog: &Catalog, args: AdapterArgs) -> ExitResult {
+pub fn worker(catalog: &Catalog, WorkerArgs { set, adapter }: WorkerArgs) -> ExitResult {
+    let fields: Vec<_> = catalog.kinds.iter().flat_map(|kind| (kind.fields)()).collect();
+    for (path, _) in &set {
+        let hint = text::did_you_mean(path, fields.iter().map(|field| &*field.path));
+        ensure!(fields.iter().any(|field| field.path == *path), "no pipeline has `{path}`{hint}");
+    }
     let (input, output) = (std::io::stdin().lock(), std::io::stdout().lock());
-    worker::serve(&gpu_options(catalog, &args), catalog, input, output)?;
+    worker::serve(&gpu_options(catalog, &adapter), catalog, &set, input, output)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use crate::compare::build::{self, ProgramCopy};
+use crate::compare::build::{self, ProgramCopy, Revision};
 use crate::compare::cells::Gates;
 use crate::compare::environment::{self, Environment};
 use crate::compare::flow::{self, CompareOptions, Program};
@@ -16,7 +16,7 @@ use crate::judge::files::RunFile;
 use crate::judge::store::Comparison;
 use crate::judge::verdict::Verdicts;
 use crate::record::FolderLock;
-use crate::record::comparison::{Gate, GateSettings, Side};
+use crate::record::comparison::{CellId, Gate, GateSettings, Side};
 use crate::record::output::Recording;
 use crate::report::changes::RunChanges;
 use crate::report::comparison;
@@ -79,30 +79,31 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
         environment::parse(Side::Base, &args.base_env)?,
         environment::parse(Side::Head, &args.head_env)?,
     ];
-    let is_named = args.base.is_some() || args.base_bin.is_some() || args.base_cmd.is_some();
+    let folder = std::env::current_dir().context("there is no current folder")?;
+    let revision = base_revision(catalog, args, &folder)?;
+    let is_named = revision.is_some() || args.base_bin.is_some() || args.base_cmd.is_some();
     ensure!(
         is_named || environments.iter().any(|given| !given.is_empty()),
         "nothing to compare with: give --base REV, --base-bin PATH, an environment, or two files of records"
     );
     let [of_base, of_head] = environments;
-    let folder = std::env::current_dir().context("there is no current folder")?;
-    let commit = |revision: &String| build::commit(&build::repository(&folder)?, revision);
-    let commit = args.base.as_ref().map(commit).transpose()?;
+    let base_cells = base_cells(args, &folder, revision.as_ref())?;
+    // The head of a pull request is meant to be what is checked out.
+    let is_checkout = revision.is_some() && args.head_bin.is_none();
     let locked = flow::lock_output(args.out.as_deref(), "compare", args.resume)?;
     // The head first: a build of the base must not swap what is measured.
     let head = WorkerSource::new(&args.head_bin, &args.head_cmd)?;
     let head = PreparedSide::new(catalog, args, head, of_head)?;
-    let base = match (&args.base, commit) {
-        (Some(revision), Some(commit)) => WorkerSource::Revision(&folder, revision, commit),
-        _ => WorkerSource::new(&args.base_bin, &args.base_cmd)?,
+    let base = match revision {
+        Some(revision) => WorkerSource::Revision(&folder, revision),
+        None => WorkerSource::new(&args.base_bin, &args.base_cmd)?,
     };
     let base = PreparedSide::new(catalog, args, base, of_base)?;
-    // The head of a pull request is meant to be what is checked out.
-    let is_checkout = args.base.is_some() && args.head_bin.is_none();
     let options = CompareOptions {
         catalog: catalog.clone(),
         programs: [base.program.clone(), head.program.clone()],
         cells_file: args.cells_file.clone(),
+        base_cells,
         filter: args.cells.clone(),
         env_values: args.env_values,
         settings: gate_settings(args),
@@ -112,9 +113,46 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Recording> {
     flow::measure(&options, locked, &INTERRUPT, &|text| print::note(text))
 }
 
+/// The revision that the command line names: where it and the head part, unless it is asked for exactly.
+fn base_revision(
+    catalog: &Catalog,
+    args: &CompareArgs,
+    folder: &Path,
+) -> anyhow::Result<Option<Revision>> {
+    let Some(named) = args.base.as_ref().or(args.base_exact.as_ref()) else { return Ok(None) };
+    let repository = build::repository(folder)?;
+    let commit = build::commit(&repository, named)?;
+    if args.base_exact.is_some() {
+        return Ok(Some(Revision { label: named.clone(), commit }));
+    }
+    let built_of = catalog.build().commit.filter(|_| args.head_bin.is_none());
+    let head = built_of.and_then(|commit| build::commit(&repository, &commit).ok());
+    let head = head.map_or_else(|| build::commit(&repository, "HEAD"), Ok)?;
+    let common = build::merge_base(&repository, [&commit, &head])?;
+    let is_same = common == commit;
+    let label = if is_same { named.clone() } else { format!("merge base of {named}") };
+    Ok(Some(Revision { label, commit: common }))
+}
+
+/// The cells of the base's own file, where one is given or the revision has it.
+fn base_cells(
+    args: &CompareArgs,
+    folder: &Path,
+    revision: Option<&Revision>,
+) -> anyhow::Result<Option<Vec<CellId>>> {
+    if let Some(file) = &args.base_cells_file {
+        return Ok(Some(Gates::load(Some(file), ("", ""))?.cells()));
+    }
+    let stored = args.cells_file.as_ref().zip(revision).and_then(|(file, revision)| {
+        let text = build::file_at(folder, &revision.commit, file)?;
+        Gates::parse("base", &text).ok()
+    });
+    Ok(stored.map(|gates| gates.cells()))
+}
+
 enum WorkerSource<'a> {
-    /// Of the repository around a folder, with its commit.
-    Revision(&'a Path, &'a str, String),
+    /// Of the repository around a folder.
+    Revision(&'a Path, Revision),
     Program(PathBuf),
     /// Of the shell: any program that speaks the worker protocol.
     Command(&'a str),
@@ -147,22 +185,21 @@ impl PreparedSide {
         ran: WorkerSource<'_>,
         environment: Environment,
     ) -> anyhow::Result<Self> {
-        let (label, commit, path) = match ran {
+        let (label, commit, aside) = match ran {
             WorkerSource::Command(text) => {
                 let start = WorkerStart { environment, ..WorkerStart::from_command(text) };
                 let program = Program { label: COMMAND.to_owned(), start };
                 return Ok(Self { program, _aside: None, _shader_cache: None });
             }
-            WorkerSource::Program(path) => (private::path(&path), None, path),
-            WorkerSource::Revision(folder, revision, commit) => {
-                print::note(format!("building {revision}"));
+            WorkerSource::Program(path) => (private::path(&path), None, build::set_aside(&path)?),
+            WorkerSource::Revision(folder, revision) => {
+                print::note(format!("building {} ({})", revision.label, revision.commit));
                 let mut progress = |line: &str| print::note(line);
                 let target = catalog.program;
-                let built = build::revision(folder, target, revision, &INTERRUPT, &mut progress)?;
-                (revision.to_owned(), Some(commit), built)
+                let built = build::revision(folder, target, &revision, &INTERRUPT, &mut progress)?;
+                (revision.label, Some(revision.commit), built)
             }
         };
-        let aside = build::set_aside(&path)?;
         let shader_cache = environment::shader_cache(&environment)?;
         let start = WorkerStart {
             gpu: gpu_options(catalog, &args.adapter),

@@ -14,11 +14,14 @@ const TEXT: &str = "text";
 #[derive(Args)]
 pub struct CompareArgs {
     /// Two files of records in place of two builds: what changed from one run to the other. Exact figures are judged; times are not, as two runs share no pairs
-    #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_bin", "replay", "resume", "out", "format"])]
+    #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_exact", "base_bin", "replay", "resume", "out", "format"])]
     pub records: Vec<PathBuf>,
-    /// Revision to build as the base
+    /// Revision to build as the base: the commit in which it and the head part, their merge base
     #[arg(long, value_name = "REV", conflicts_with_all = ["base_bin", "replay"])]
     pub base: Option<String>,
+    /// Revision to build as the base, itself
+    #[arg(long, value_name = "REV", conflicts_with_all = ["base", "base_bin", "replay"])]
+    pub base_exact: Option<String>,
     /// A built fathom as the base
     #[arg(long, value_name = "PATH", conflicts_with = "replay")]
     pub base_bin: Option<PathBuf>,
@@ -26,7 +29,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "PATH", conflicts_with = "replay")]
     pub head_bin: Option<PathBuf>,
     /// Command of the shell that starts the base's workers: any program that speaks the worker protocol (docs/worker-protocol.md)
-    #[arg(long, value_name = "COMMAND", requires = "head_cmd", conflicts_with_all = ["base", "base_bin", "head_bin", "replay", "records"])]
+    #[arg(long, value_name = "COMMAND", requires = "head_cmd", conflicts_with_all = ["base", "base_exact", "base_bin", "head_bin", "replay", "records"])]
     pub base_cmd: Option<String>,
     /// Command that starts the head's workers
     #[arg(long, value_name = "COMMAND", requires = "base_cmd")]
@@ -61,6 +64,9 @@ pub struct CompareArgs {
     /// Experiment file whose cells list the `stages` to compare [default: benches/gates.toml, built in]
     #[arg(long, value_name = "FILE")]
     pub cells_file: Option<PathBuf>,
+    /// The same file of the base: its cells that the head's lacks are named [default: as the base's revision has it]
+    #[arg(long, value_name = "FILE", requires = "cells_file")]
+    pub base_cells_file: Option<PathBuf>,
     /// Seed of the order of cells and samples [default: drawn, and stored]
     #[arg(long)]
     pub seed: Option<u64>,

@@ -90,7 +90,7 @@ impl SelectionArgs {
 
 pub fn history(command: HistoryCommand) -> ExitResult {
     match command {
-        HistoryCommand::Add { folders, said, place } => add(&folders, said, &place.location()),
+        HistoryCommand::Add { folders, said, place } => add(&folders, &said, &place.location()),
         HistoryCommand::List { selection } => {
             let (history, selection) = selection.open(None)?;
             answered(tables::runs(&history.runs(&selection)?))
@@ -113,14 +113,14 @@ fn answered(answer: String) -> ExitResult {
 }
 
 /// All folders are read before the first is stored, so that a damaged one is told at once.
-fn add(folders: &[PathBuf], said: OriginArgs, location: &Path) -> ExitResult {
-    let origin = history::origin(said)?;
+fn add(folders: &[PathBuf], said: &OriginArgs, location: &Path) -> ExitResult {
     for folder in folders {
-        NewRun::read(folder, RECORDS)?;
+        history::origin(said, &NewRun::read(folder, RECORDS)?)?;
     }
     let mut history = History::open_or_make(location)?;
     for folder in folders {
         let run = NewRun::read(folder, RECORDS)?;
+        let origin = history::origin(said, &run)?;
         let name = format!("{}: run {}", folder.display(), &run.digest[..10]);
         let told = match history.add(&run, &origin)? {
             Added::New => format!("{} cells with {} figures stored", run.cells, run.figures.len()),

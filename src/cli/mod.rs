@@ -152,9 +152,9 @@ pub enum Command {
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
-    /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
+    /// Write the reports of a run or a comparison again, from its records alone; or one page of several
     Report {
-        /// Folders of runs and comparisons. Of two runs, what changed is printed
+        /// Folders of runs and comparisons
         #[arg(required = true, value_name = "DIR")]
         folders: Vec<PathBuf>,
         /// Write one page of all folders, into this folder
@@ -194,7 +194,16 @@ pub enum Command {
     Completions { shell: clap_complete::Shell },
     /// Serve a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
-    Worker(AdapterArgs),
+    Worker(WorkerArgs),
+}
+
+#[derive(Args)]
+pub struct WorkerArgs {
+    /// Set a parameter in each cell whose pipeline has it; see `fathom list parameters`
+    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, Value)>,
+    #[command(flatten)]
+    pub adapter: AdapterArgs,
 }
 
 /// How a command that runs on an adapter answers.

@@ -1,8 +1,8 @@
 //! A device, what is known of it, and its faults as errors.
 
-use std::cell::Cell;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::cell::{Cell, RefCell};
+use std::panic::{self, AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, Once, PoisonError, mpsc};
 use std::time::Duration;
 
 use super::DeviceError;
@@ -24,7 +24,7 @@ pub struct Device {
     pub unchecked: bool,
     faults: Arc<Mutex<DeviceFaults>>,
     on_fault: Option<OnFault>,
-    pub(crate) longest_submission: Duration,
+    longest_submission: Duration,
 }
 
 /// Called when an error scope has caught a fault.
@@ -40,6 +40,8 @@ struct DeviceFaults {
 thread_local! {
     /// Depth of nested [`Device::catch`] calls on this thread: only the outermost one opens error scopes.
     static SCOPES: Cell<u32> = const { Cell::new(0) };
+    /// What wgpu's panic within the open [`catch_panic`] said; none outside of one.
+    static PANIC: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
 /// What the adapter tells of itself. The period of its timestamps is known only of an open device and is 0 here.
@@ -84,8 +86,10 @@ impl Device {
         }
     }
 
+    /// The first reason is the cause.
     fn lose(&self, reason: String) {
-        self.faults.lock().unwrap_or_else(PoisonError::into_inner).lost = Some(reason);
+        let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
+        faults.lost.get_or_insert(reason);
     }
 
     /// Why the device is lost, where it is.
@@ -112,7 +116,7 @@ impl Device {
     }
 
     /// Runs `f` and returns the first error the device raised meanwhile, if it raised one: a refused
-    /// call, exhausted memory, an error of the driver, or the loss of the device. May be nested.
+    /// call, exhausted memory, an error of the driver, or the loss of the device, which a panic of wgpu counts as. May be nested.
     pub fn catch<T, E: From<DeviceError>>(&self, f: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         self.pending_fault()?;
         if SCOPES.get() > 0 {
@@ -125,7 +129,7 @@ impl Device {
             wgpu::ErrorFilter::Internal,
         ];
         let [validation, memory, internal] = filters.map(|f| self.device.push_error_scope(f));
-        let result = f();
+        let result = catch_panic(f).map_err(|panic| self.lose(panic));
         let captured = [internal, memory, validation].map(|scope| pollster::block_on(scope.pop()));
         self.pending_fault()?;
         match captured.into_iter().flatten().next() {
@@ -133,7 +137,7 @@ impl Device {
                 self.on_fault.iter().for_each(|on_fault| on_fault());
                 Err(DeviceError::from(error).into())
             }
-            None => result,
+            None => result.unwrap_or_else(|()| unreachable!("the device is lost")),
         }
     }
 
@@ -151,23 +155,22 @@ impl Device {
     /// As [`Self::wait`].
     pub fn wait_for(&self, index: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceError> {
         let timeout = Some(self.longest_submission);
-        let wait = wgpu::PollType::Wait { submission_index: index, timeout };
-        // wgpu panics when the device is lost while it waits.
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
-        match &outcome {
+        let outcome = self.poll(wgpu::PollType::Wait { submission_index: index, timeout });
+        if outcome.is_err() {
+            // A submission was refused. Only the next poll reports that the device is gone.
+            let _ = self.poll(wgpu::PollType::Poll);
+        }
+        self.pending_fault().and(outcome)
+    }
+
+    fn poll(&self, poll: wgpu::PollType) -> Result<(), DeviceError> {
+        match catch_panic(|| self.device.poll(poll)) {
+            Ok(Ok(_)) => return Ok(()),
             Ok(Err(wgpu::PollError::Timeout)) => self.give_up(),
-            Ok(Err(_)) => {
-                // A submission was refused. Only the next poll reports that the device is gone.
-                let _ = self.device.poll(wgpu::PollType::Poll);
-            }
-            _ => {}
+            Ok(Err(error)) => return Err(DeviceError::Internal(error.to_string())),
+            Err(panic) => self.lose(panic),
         }
-        self.pending_fault()?;
-        match outcome {
-            Ok(Ok(_)) => Ok(()),
-            Ok(Err(error)) => Err(DeviceError::Internal(error.to_string())),
-            Err(_) => Err(DeviceError::Lost("it failed while it was waited for".to_owned())),
-        }
+        self.pending_fault()
     }
 
     /// A submission hangs: the device counts as lost. It is never dropped, as that would wait for the submission and then panic.
@@ -190,6 +193,22 @@ impl Device {
             usage,
             mapped_at_creation: false,
         })
+    }
+
+    /// A buffer with content. Where there is no memory for it, the scope has the error; wgpu's own function panics.
+    pub fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: (bytes.len() as u64).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
+            usage,
+            mapped_at_creation: !bytes.is_empty(),
+        });
+        if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
+            view.slice(..bytes.len()).copy_from_slice(bytes);
+            drop(view);
+            buffer.unmap();
+        }
+        buffer
     }
 
     /// A group of these buffers, bound from 0 on.
@@ -227,11 +246,7 @@ impl Device {
         });
         self.wait()?;
         let failed = |error: &dyn std::fmt::Display| DeviceError::ReadBack(error.to_string());
-        match receiver.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(failed(&error)),
-            Err(error) => return Err(failed(&error)),
-        }
+        receiver.try_recv().map_err(|e| failed(&e))?.map_err(|e| failed(&e))?;
         let view = buffer.get_mapped_range(..bytes).map_err(|error| failed(&error))?;
         let value = read(&view);
         drop(view);
@@ -248,6 +263,27 @@ impl Device {
         let mut errors = faults.uncaptured.drain(..);
         errors.next().map_or(Ok(()), |error| Err(error.into()))
     }
+}
+
+/// Runs calls of wgpu. Some of them panic where the device is lost or memory cannot be had: then what the panic says, of which nothing is
+/// printed.
+pub fn catch_panic<T>(f: impl FnOnce() -> T) -> Result<T, String> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let print = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            let is_of_wgpu = info.location().is_some_and(|place| place.file().contains("wgpu"));
+            let text = info.to_string().lines().skip(1).collect::<Vec<_>>().join(" ");
+            let is_open = || PANIC.with_borrow_mut(|open| open.as_mut().map(|open| *open = text));
+            if !is_of_wgpu || is_open().is_none() {
+                print(info);
+            }
+        }));
+    });
+    let outer = PANIC.replace(Some(String::new()));
+    let result = catch_unwind(AssertUnwindSafe(f));
+    let text = PANIC.replace(outer).filter(|text| !text.is_empty());
+    result.map_err(|panic| text.unwrap_or_else(|| panic::resume_unwind(panic)))
 }
 
 /// Counts the nesting of scopes, also when a panic unwinds through them.

@@ -14,7 +14,7 @@ mod session;
 pub use alone::StageClock;
 pub use audit::{Audit, audit, audit_all, audit_cpu_time, audit_table};
 pub use counters::{StageCounters, count};
-pub use device::{Device, describe};
+pub use device::{Device, catch_panic, describe};
 pub use error::{ClockError, DeviceError};
 /// What is measured, as records have it.
 pub use fathom_record as record;

@@ -13,7 +13,6 @@ use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::build;
 use super::candidates::{Candidate, CandidateBuilder, SearchSpace};
 use super::cells::Gates;
 use super::flow::{self, CompareOptions, Program};
@@ -33,8 +32,6 @@ use fathom_record::output::{LockedFolder, RECORDS};
 
 /// Folder of the comparison of the ends.
 const ENDS: &str = "ends";
-/// Folder of the checkouts of a search by commands.
-const CHECKOUTS: &str = "checkouts";
 
 #[derive(Clone, Debug)]
 pub struct BisectOptions {
@@ -254,8 +251,11 @@ pub fn bisect(
         settings::store(out, &settings)?;
     }
     let good = candidates.remove(0);
-    let (target, checkouts) = (options.catalog.program, out.join(CHECKOUTS));
-    build::remove_stale(folder, &checkouts, "");
+    if !good.subject.is_empty() {
+        report(&good.subject);
+    }
+    let target = options.catalog.program;
+    let checkouts = searched.checkouts(folder, out)?;
     let maker = CandidateBuilder {
         searched,
         folder,
@@ -265,6 +265,7 @@ pub fn bisect(
         interrupted,
         report,
         built: RefCell::default(),
+        programs: RefCell::default(),
     };
     let base = maker.make(&good)?;
     let run = Bisection { options, out, candidates: &candidates, base, maker };
@@ -304,6 +305,7 @@ impl Bisection<'_> {
             catalog: self.options.catalog.clone(),
             programs: [self.base.clone(), head],
             cells_file: self.options.cells_file.clone(),
+            base_cells: None,
             filter,
             env_values: false,
             settings,

@@ -1,117 +1,232 @@
-//! Builds of revisions of the repository, each checked out into a temporary worktree and compiled into a target folder of its
-//! own; a base is kept by its commit and what compiled it.
+//! Builds of revisions. Of each repository one checkout and one target folder are kept in the user's cache, where no file of another
+//! revision lies above them, and cargo judges what of them is fresh.
 
-use std::cmp::Reverse;
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
-use std::time::SystemTime;
 
-use anyhow::{Error, Result, anyhow, bail};
+use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use itertools::Itertools;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
-use fathom_base::folder::Dir;
+use fathom_base::folder::{self, Dir};
 use fathom_base::input;
 use fathom_base::process::{self, Limits, ProcessError, git};
 use fathom_harness::catalog::CargoTarget;
 use fathom_record::{Build, FolderLock};
 
-/// Built revisions that are kept: a search of hundreds of candidates visits fewer.
-const MAX_CACHED: usize = 32;
-/// Beginning of the names of checkouts in the cache.
-const WORKTREE: &str = "worktree-";
-/// Folder of the cache, in the repository's target folder.
-pub const CACHE: &str = "target/compare";
-/// Variables that change what cargo and the compilers make of a source.
-const VARIABLES: [&str; 7] = [
-    "RUSTFLAGS",
-    "CARGO_ENCODED_RUSTFLAGS",
-    "RUSTC",
-    "RUSTC_WRAPPER",
-    "RUSTC_WORKSPACE_WRAPPER",
-    "CC",
-    "CFLAGS",
-];
-/// Beginnings of more of them.
-const PREFIXES: [&str; 3] = ["CARGO_PROFILE_", "CARGO_BUILD_", "CARGO_TARGET_"];
-/// Hexadecimal digits of [`build_fingerprint`].
-const FINGERPRINT_DIGITS: usize = 8;
+/// Bytes that the kept checkouts and target folders of all repositories may have: a release build of fathom has 1 GiB.
+const MAX_KEPT_BYTES: u64 = 16 << 30;
+/// Hexadecimal digits that tell repositories of one name apart.
+const DIGITS: usize = 8;
+/// In the kept folder of a repository.
+const CHECKOUT: &str = "checkout";
+const TARGET_FOLDER: &str = "target";
+/// What cargo says where a checkout has no such crate or program.
+const NO_SUCH_PROGRAM: [&str; 3] =
+    ["did not match any packages", "could not find `Cargo.toml`", "no bin target named"];
+/// SHA-256 of the last program built there.
+const PROGRAM_SUM: &str = "program.sha256";
+/// How variables begin that cargo sets for what it runs (The Cargo Book, *Environment Variables*): they are of the caller's crate.
+const CARGO_VARIABLES: [&str; 5] =
+    ["CARGO_BIN_", "CARGO_CRATE_", "CARGO_MANIFEST_", "CARGO_PKG_", "CARGO_PRIMARY_"];
+/// The toolchain that rustup has chosen for the caller's cargo.
+const RUSTUP_TOOLCHAIN: &str = "RUSTUP_TOOLCHAIN";
 
-/// The release build of `target` at `revision` of the repository around `folder`, from the cache if it is there.
+/// A commit, and what it is called.
+#[derive(Clone, Debug)]
+pub struct Revision {
+    pub label: String,
+    pub commit: String,
+}
+
+/// A copy of the release build of `target` at `revision` of the repository around `folder`.
 ///
 /// cargo starts in the same folder of the checkout, so the crate need not be at the repository's root. `progress` is given each line that
-/// cargo writes. Once `interrupted` is set the build ends, and nothing of it is left.
+/// cargo writes. Once `interrupted` is set the build ends.
 pub fn revision(
     folder: &Path,
     target: CargoTarget,
-    revision: &str,
+    revision: &Revision,
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
-) -> Result<PathBuf> {
-    let repository = repository(folder)?;
-    let commit = commit(&repository, revision)?;
-    let cache = repository.join(CACHE);
-    let (configurations, variables) = (cargo_configurations(&cache), std::env::vars_os());
-    let fingerprint =
-        build_fingerprint(&compiler(&repository)?, target, variables, &configurations);
-    let kept = cache.join("builds").join(format!("{commit}-{fingerprint}"));
-    let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
-    if program.is_file() {
-        return Ok(program);
+) -> Result<ProgramCopy> {
+    let builds = RevisionBuilds::of(folder, &user_cache()?.join("revisions"))?;
+    builds.build(target, revision, interrupted, progress)
+}
+
+/// What is kept of a repository's builds.
+struct RevisionBuilds {
+    repository: PathBuf,
+    /// Of the crate in the repository.
+    prefix: String,
+    /// Holds checkout and target folder.
+    kept: PathBuf,
+}
+
+impl RevisionBuilds {
+    fn of(folder: &Path, cache: &Path) -> Result<Self> {
+        let repository = repository(folder)?;
+        let kept = named_after(&common_folder(&repository)?, &outside(&repository, cache)?);
+        let prefix = git(folder, &["rev-parse", "--show-prefix"]).map_err(Error::msg)?;
+        Ok(Self { repository, prefix, kept })
     }
-    let _lock = FolderLock::take(&cache)?;
-    remove_stale(&repository, &cache, WORKTREE);
-    let worktree = Worktree::add(&repository, cache.join(format!("{WORKTREE}{commit}")), &commit)?;
-    let prefix = git(folder, &["rev-parse", "--show-prefix"]).map_err(Error::msg)?;
-    let source = worktree.path.join(prefix);
-    let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
-    let folders = (source, &*cache.join("target"));
-    let built = compile(folders, target, revision, &[], interrupted, progress)?;
-    store_program(&built, &program)?;
-    forget_old(&cache.join("builds"), &kept);
-    Ok(program)
+
+    fn build(
+        &self,
+        target: CargoTarget,
+        Revision { label, commit }: &Revision,
+        interrupted: &AtomicBool,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<ProgramCopy> {
+        make_room(&self.kept, MAX_KEPT_BYTES);
+        let _lock = FolderLock::take(&self.kept)?;
+        let (checkout, built) = (self.kept.join(CHECKOUT), self.kept.join(TARGET_FOLDER));
+        check_out(&self.repository, &checkout, commit)
+            .with_context(|| format!("git cannot check out {commit} in {}", checkout.display()))?;
+        let source = checkout.join(&self.prefix);
+        let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&checkout);
+        let mut compile = || compile((source, &built), target, label, &[], interrupted, progress);
+        let mut program = compile()?;
+        let sum = |program: &Compiled| input::open(&program.path).and_then(input::sha256);
+        let kept_sum = self.kept.join(PROGRAM_SUM);
+        let is_kept = std::fs::read_to_string(&kept_sum).ok() == sum(&program).ok();
+        if program.fresh && !is_kept {
+            // Damaged, which cargo does not see, or of other flags of the compiler than the last.
+            let mut clean = cargo();
+            clean.args(["clean", "--release", "-p", target.package, "--target-dir"]).arg(&built);
+            process::run_for_stdout(clean.current_dir(source)).context("`cargo clean` failed")?;
+            program = compile()?;
+        }
+        folder::write(&kept_sum, sum(&program)?.as_bytes())?;
+        set_aside(&program.path)
+    }
 }
 
+fn user_cache() -> Result<PathBuf> {
+    folder::user_cache().context("there is no home folder to build revisions in")
+}
+
+/// A cache folder, unless it lies in the repository.
+fn outside(repository: &Path, cache: &Path) -> Result<PathBuf> {
+    let cache = std::path::absolute(cache)?;
+    let there = cache.ancestors().find(|folder| folder.is_dir()).unwrap_or(&cache);
+    ensure!(
+        self::repository(there).ok().as_deref() != Some(repository),
+        "the cache folder {} lies in the repository, whose configuration cargo would take for a base's: choose another by XDG_CACHE_HOME",
+        cache.display()
+    );
+    Ok(cache)
+}
+
+/// A folder in the cache that no other path has.
+fn named_after(path: &Path, cache: &Path) -> PathBuf {
+    let digest = hex::encode(Sha256::digest(path.as_os_str().as_encoded_bytes()));
+    let name = path.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+    cache.join(format!("{name}-{}", &digest[..DIGITS]))
+}
+
+/// The folder of a search's checkouts, where no file of another revision lies above them. What an earlier one has left is removed.
+pub fn checkouts(folder: &Path, search: &Path) -> Result<PathBuf> {
+    let repository = repository(folder)?;
+    let cache = outside(&repository, &user_cache()?.join("searches"))?;
+    let checkouts = named_after(&std::path::absolute(search)?, &cache);
+    for entry in std::fs::read_dir(&checkouts).into_iter().flatten().flatten() {
+        drop(Worktree { repository: repository.clone(), path: entry.path() });
+    }
+    Ok(checkouts)
+}
+
+/// cargo without what it has told its caller.
 fn cargo() -> Command {
-    Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+    let mut cargo = Command::new("cargo");
+    for (name, _) in std::env::vars_os() {
+        let is_cargos = |own: &&str| name.to_string_lossy().starts_with(own);
+        if CARGO_VARIABLES.iter().any(|own| is_cargos(own)) {
+            cargo.env_remove(name);
+        }
+    }
+    if std::env::var_os("CARGO").is_some() {
+        cargo.env_remove(RUSTUP_TOOLCHAIN);
+    }
+    cargo
 }
 
-/// What the compiler used in a folder says of itself.
-fn compiler(folder: &Path) -> Result<String> {
-    let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    process::run_for_stdout(Command::new(rustc).arg("-vV").current_dir(folder))
-        .map_err(|reason| anyhow!("`rustc -vV` failed: {reason}"))
+/// git's own folder, which all worktrees of a repository share.
+fn common_folder(folder: &Path) -> Result<PathBuf> {
+    let arguments = ["rev-parse", "--path-format=absolute", "--git-common-dir"];
+    git(folder, &arguments).map(PathBuf::from).map_err(Error::msg)
 }
 
-/// What cargo's configuration files hold that count in a folder, beside those of the checkout in it (The Cargo Book, *Configuration*,
-/// "Hierarchical structure").
-fn cargo_configurations(folder: &Path) -> Vec<Vec<u8>> {
-    let of_user = std::env::var_os("CARGO_HOME").map(PathBuf::from);
-    let of_user = of_user.or_else(|| Some(std::env::home_dir()?.join(".cargo")));
-    let folders = folder.ancestors().map(|folder| folder.join(".cargo")).chain(of_user);
-    let files = folders.flat_map(|folder| ["config", "config.toml"].map(|name| folder.join(name)));
-    files.filter_map(|file| std::fs::read(file).ok()).collect()
+/// Brings a worktree of the repository to a commit. Files that are the same keep their times: cargo compiles what differs.
+fn check_out(repository: &Path, checkout: &Path, commit: &str) -> Result<()> {
+    let is_worktree = checkout.join(".git").is_file()
+        && common_folder(checkout).ok() == common_folder(repository).ok();
+    if !is_worktree {
+        join_worktree(repository, checkout, commit)?;
+    }
+    let git = |arguments: &[&str]| git(checkout, arguments).map_err(Error::msg);
+    git(&["checkout", "--quiet", "--force", "--detach", commit])?;
+    git(&["clean", "--quiet", "-ffdx"])?;
+    update_submodules(checkout)
 }
 
-/// A short name of all that decides what is built of a commit.
-fn build_fingerprint(
-    compiler: &str,
-    target: CargoTarget,
-    variables: impl IntoIterator<Item = (OsString, OsString)>,
-    configurations: &[Vec<u8>],
-) -> String {
-    let counts = |name: &str| {
-        VARIABLES.contains(&name) || PREFIXES.iter().any(|prefix| name.starts_with(prefix))
-    };
-    let variables = variables.into_iter().filter(|(name, _)| name.to_str().is_some_and(counts));
-    let variables: Vec<_> = variables.sorted().collect();
-    // Written as values of Rust, none of them passes for another.
-    let all = format!("{compiler:?} {target:?} {variables:?} {configurations:?}");
-    hex::encode(Sha256::digest(all))[..FINGERPRINT_DIGITS].to_owned()
+fn update_submodules(checkout: &Path) -> Result<()> {
+    if checkout.join(".gitmodules").exists() {
+        git(checkout, &["submodule", "update", "--init", "--recursive", "--force"])
+            .map_err(Error::msg)?;
+    }
+    Ok(())
+}
+
+/// Makes a folder a worktree of the repository and leaves its files as they are: those that a job has restored from its cache have no
+/// repository yet.
+fn join_worktree(repository: &Path, checkout: &Path, commit: &str) -> Result<()> {
+    let empty = checkout.with_extension("new");
+    let _ = std::fs::remove_dir_all(&empty);
+    let path = empty.to_string_lossy();
+    let add = ["worktree", "add", "--quiet", "--no-checkout", "--detach", "--force", &path, commit];
+    git(repository, &add).map_err(Error::msg)?;
+    std::fs::create_dir_all(checkout)?;
+    std::fs::rename(empty.join(".git"), checkout.join(".git"))?;
+    std::fs::remove_dir(&empty)?;
+    git(repository, &["worktree", "repair", &checkout.to_string_lossy()]).map_err(Error::msg)?;
+    git(checkout, &["read-tree", "HEAD"]).map_err(Error::msg)?;
+    // Compares files with the commit; fails where they differ.
+    let _ = git(checkout, &["update-index", "-q", "--refresh"]);
+    Ok(())
+}
+
+/// Removes what is kept of repositories, the longest unused first and the own last, until the rest has so many bytes. What a process uses
+/// stays.
+fn make_room(kept: &Path, max_bytes: u64) {
+    let beside = kept.parent().and_then(|cache| std::fs::read_dir(cache).ok());
+    let folders = beside.into_iter().flatten().flatten().map(|entry| entry.path());
+    let last_use = |path: &Path| path.metadata().and_then(|meta| meta.modified()).ok();
+    let folders = folders.sorted_by_key(|path| (path == kept, last_use(path))).collect_vec();
+    let sizes = folders.iter().map(|path| size(path)).collect_vec();
+    let mut bytes: u64 = sizes.iter().sum();
+    for (path, size) in folders.iter().zip(sizes) {
+        if bytes > max_bytes
+            && FolderLock::take(path).is_ok()
+            && std::fs::remove_dir_all(path).is_ok()
+        {
+            bytes -= size;
+        }
+    }
+}
+
+/// Bytes of all files in a folder.
+fn size(folder: &Path) -> u64 {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let sizes = entries.map(|entry| match entry.metadata() {
+        Ok(meta) if meta.is_dir() => size(&entry.path()),
+        meta => meta.map_or(0, |meta| meta.len()),
+    });
+    sizes.sum()
 }
 
 /// What `git` says of the checkout around a folder, as [`fathom_harness::catalog::Catalog::with_revision`] takes it: its commit, and
@@ -136,6 +251,21 @@ pub fn commit(repository: &Path, revision: &str) -> Result<String> {
     commit.map_err(|reason| anyhow!("unknown revision `{revision}`: {reason}{}", hint()))
 }
 
+/// A file of the repository around a folder as a commit has it, if it has it.
+pub fn file_at(folder: &Path, commit: &str, file: &Path) -> Option<String> {
+    let path = std::path::absolute(folder.join(file)).ok()?;
+    let path = path.strip_prefix(repository(folder).ok()?).ok()?.to_str()?;
+    git(folder, &["show", &format!("{commit}:{path}")]).ok()
+}
+
+/// The commit from which two others have parted.
+pub fn merge_base(repository: &Path, [one, other]: [&str; 2]) -> Result<String> {
+    git(repository, &["merge-base", one, other]).map_err(|_| {
+        let hint = shallow_hint(repository);
+        anyhow!("{one} and {other} have no common ancestor here{hint}; --base-exact REV names a base by itself")
+    })
+}
+
 /// What to do where a revision or its history is not there because the clone is shallow; else nothing.
 pub fn shallow_hint(repository: &Path) -> &'static str {
     let is_shallow = git(repository, &["rev-parse", "--is-shallow-repository"]);
@@ -143,15 +273,6 @@ pub fn shallow_hint(repository: &Path) -> &'static str {
         "; the clone is shallow: check out the whole history (git fetch --unshallow; GitHub: fetch-depth: 0; GitLab: GIT_DEPTH: 0)"
     } else {
         ""
-    }
-}
-
-/// Removes the checkouts that a killed process has left in a folder, which is locked: those whose names begin so.
-pub fn remove_stale(repository: &Path, folder: &Path, beginning: &str) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        if entry.file_name().to_string_lossy().starts_with(beginning) {
-            drop(Worktree { repository: repository.to_owned(), path: entry.path() });
-        }
     }
 }
 
@@ -167,24 +288,16 @@ impl Worktree {
         let worktree = Self { repository: repository.to_owned(), path };
         worktree.remove();
         let path = worktree.path.to_string_lossy();
-        let failed = |what| move |reason: String| anyhow!("git {what} of {commit}: {reason}");
         git(repository, &["worktree", "add", "--detach", "--force", &path, commit])
-            .map_err(failed("worktree add"))?;
-        if worktree.path.join(".gitmodules").exists() {
-            git(&worktree.path, &["submodule", "update", "--init", "--recursive"])
-                .map_err(failed("submodule update"))?;
-        }
+            .map_err(|reason| anyhow!("git worktree add of {commit}: {reason}"))?;
+        update_submodules(&worktree.path)?;
         Ok(worktree)
     }
 
-    /// Also forgets checkouts whose folders are gone.
     fn remove(&self) {
-        if self.path.exists() {
-            let path = self.path.to_string_lossy();
-            let _ = git(&self.repository, &["worktree", "remove", "--force", &path]);
-            let _ = std::fs::remove_dir_all(&self.path);
-        }
-        let _ = git(&self.repository, &["worktree", "prune"]);
+        let path = self.path.to_string_lossy();
+        let _ = git(&self.repository, &["worktree", "remove", "--force", "--force", &path]);
+        let _ = std::fs::remove_dir_all(&self.path);
     }
 }
 
@@ -192,6 +305,13 @@ impl Drop for Worktree {
     fn drop(&mut self) {
         self.remove();
     }
+}
+
+/// A program that cargo has made.
+pub struct Compiled {
+    pub path: PathBuf,
+    /// It was there already.
+    fresh: bool,
 }
 
 /// The program that cargo makes of a checkout, into a target folder, with these arguments more.
@@ -204,7 +324,7 @@ pub fn compile(
     arguments: &[&str],
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
-) -> Result<PathBuf> {
+) -> Result<Compiled> {
     let limits = Limits { time: None, interrupted: Some(interrupted) };
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--locked", "--color=never"]);
@@ -217,6 +337,12 @@ pub fn compile(
         Err(ProcessError::Interrupted) => bail!("building `{revision}` was interrupted"),
         Err(ProcessError::Failed { complaint, .. }) => {
             let said = complaint.lines().join("\n");
+            let is_other = NO_SUCH_PROGRAM.iter().any(|words| said.contains(words));
+            ensure!(
+                !is_other,
+                "revision `{revision}` has no program `{}`, which is what `--base` builds: other programs are compared by --base-cmd and --head-cmd (docs/worker-protocol.md)",
+                target.binary
+            );
             bail!("revision `{revision}` does not build; the compiler says:\n{said}")
         }
         Err(other) => bail!("`cargo build` failed: {other}"),
@@ -225,13 +351,16 @@ pub fn compile(
 
 /// The program that cargo says it has made (The Cargo Book, *External tools*, "Artifact messages"): where it lies depends on
 /// variables and configuration.
-fn executable(messages: &str, binary: &str) -> Option<PathBuf> {
+fn executable(messages: &str, binary: &str) -> Option<Compiled> {
     let messages = messages.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
     let mut of_binary = messages.filter(|message| message["target"]["name"] == binary);
-    of_binary.find_map(|message| message["executable"].as_str().map(PathBuf::from))
+    of_binary.find_map(|message| {
+        let path = message["executable"].as_str()?.into();
+        Some(Compiled { path, fresh: message["fresh"] == true })
+    })
 }
 
-/// Copies a program into the cache. It appears there whole or not at all.
+/// Copies a program. It appears there whole or not at all.
 pub fn store_program(built: &Path, program: &Path) -> Result<()> {
     let folder = Dir::make(program.parent().unwrap_or(Path::new("."))).map_err(Error::msg)?;
     let copied = input::open(built).and_then(|mut source| {
@@ -263,25 +392,9 @@ pub fn set_aside(program: &Path) -> Result<ProgramCopy> {
     Ok(ProgramCopy { _folder: folder, path })
 }
 
-/// Removes the oldest builds but `newest`, so that [`MAX_CACHED`] are left. What cannot be removed stays.
-fn forget_old(builds: &Path, newest: &Path) {
-    let Ok(entries) = std::fs::read_dir(builds) else {
-        return;
-    };
-    let age = |path: &Path| {
-        let modified = path.metadata().and_then(|meta| meta.modified());
-        modified.unwrap_or(SystemTime::UNIX_EPOCH)
-    };
-    let others = entries.flatten().map(|entry| entry.path());
-    let others = others.filter(|path| path.to_str().is_some() && path != newest);
-    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(MAX_CACHED - 1) {
-        let _ = std::fs::remove_dir_all(path);
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
+    use std::time::SystemTime;
 
     use super::*;
 
@@ -290,19 +403,21 @@ mod tests {
     const LOCK: &str = "version = 4\n\n[[package]]\nname = \"mine\"\nversion = \"0.1.0\"\n";
     const TARGET: CargoTarget = CargoTarget { package: "mine", binary: "my-bench" };
 
-    /// A repository with a crate of two commits: the first builds, the second, HEAD, does not. The crate lies in a folder of it.
+    /// A repository with a crate of two commits: the first builds, the second, HEAD, does not, and has a configuration that the first
+    /// has not. The crate lies in a folder of it.
     struct TestRepository {
-        folder: tempfile::TempDir,
+        folder: TempDir,
+        cache: TempDir,
         /// Of the crate.
         path: PathBuf,
     }
 
     impl TestRepository {
         fn new() -> Self {
-            let folder = tempfile::tempdir().unwrap();
+            let [folder, cache] = [(); 2].map(|()| tempfile::tempdir().unwrap());
             let path = folder.path().join("crates/mine");
             std::fs::create_dir_all(&path).unwrap();
-            let repository = Self { folder, path };
+            let repository = Self { folder, cache, path };
             git(repository.folder.path(), &["init", "--quiet"]).unwrap();
             repository.git(["config", "user.name", "Someone"]);
             repository.git(["config", "user.email", "someone@example.org"]);
@@ -312,12 +427,12 @@ mod tests {
             repository.write("src/main.rs", "fn main() { println!(\"first\"); }\n");
             repository.commit();
             repository.write("src/main.rs", "fn main() { second() }\n");
+            let configuration =
+                "[build]\nrustflags = [\"--cfg=own\"]\n[profile.release]\nopt-level = 0\n";
+            repository.write("../../.cargo/config.toml", configuration);
+            repository.write("../../Cargo.toml", "[workspace]\nresolver = \"1\"\n");
             repository.commit();
             repository
-        }
-
-        fn cache(&self) -> PathBuf {
-            self.folder.path().join(CACHE)
         }
 
         fn write(&self, name: &str, text: &str) {
@@ -335,73 +450,89 @@ mod tests {
             self.git(["commit", "--quiet", "--message=Change"]);
         }
 
-        /// No worktree and no build is left.
-        fn is_clean(&self) -> bool {
-            let folders = std::fs::read_dir(self.cache()).unwrap().flatten();
-            folders.map(|entry| entry.file_name()).eq(["target"])
-                && self.git(["worktree", "list"]).split(" [").count() == 2
+        fn builds(&self) -> RevisionBuilds {
+            RevisionBuilds::of(&self.path, self.cache.path()).unwrap()
         }
 
-        fn build(&self, name: &str) -> (Result<PathBuf>, usize) {
-            let mut lines = 0;
-            let built = revision(&self.path, TARGET, name, &AtomicBool::new(false), &mut |_| {
-                lines += 1;
-            });
-            (built, lines)
+        /// What the program of a revision prints, and cargo.
+        fn output(&self, revision: &str) -> Result<(String, String)> {
+            let (mut told, interrupted) = (String::new(), AtomicBool::new(false));
+            let builds = self.builds();
+            let commit = commit(&builds.repository, revision)?;
+            let revision = Revision { label: revision.to_owned(), commit };
+            let built = builds.build(TARGET, &revision, &interrupted, &mut |line| told += line)?;
+            Ok((process::run_for_stdout(&mut Command::new(&built.path)).unwrap(), told))
         }
     }
 
     #[test]
-    fn a_revision_is_built_once_and_leaves_no_worktree() {
+    fn cargo_builds_a_revision_again_only_where_it_differs() {
         let repository = TestRepository::new();
-        let (built, lines) = repository.build("HEAD~1");
-        let built = built.unwrap();
-        assert!(lines > 0, "cargo's progress is passed on");
-        let commit = repository.git(["rev-parse", "HEAD~1"]);
-        assert!(built.to_string_lossy().contains(&commit), "{}", built.display());
-        let output = Command::new(&built).output().unwrap();
-        assert_eq!(output.stdout, b"first\n");
-        assert_eq!(repository.git(["worktree", "list"]).split(" [").count(), 2);
+        let (first, told) = repository.output("HEAD~1").unwrap();
+        assert!(first == "first" && told.contains("Compiling mine"), "{first}: {told}");
         assert_eq!(repository.git(["status", "--porcelain"]), "");
-        let (again, lines) = repository.build(&commit);
-        assert_eq!(again.unwrap(), built);
-        assert_eq!(lines, 0, "it comes from the cache");
-        let _lock = FolderLock::take(&repository.cache()).unwrap();
-        let refused = repository.build("HEAD").0.unwrap_err().to_string();
+        let commit = repository.git(["rev-parse", "HEAD~1"]);
+        let (again, told) = repository.output(&commit).unwrap();
+        assert!(again == "first" && !told.contains("Compiling"), "{again}: {told}");
+        // A job restores the folder beside a new clone.
+        let kept = repository.builds().kept;
+        std::fs::remove_dir_all(repository.folder.path().join(".git/worktrees")).unwrap();
+        let (again, told) = repository.output(&commit).unwrap();
+        assert!(again == "first" && !told.contains("Compiling mine"), "{again}: {told}");
+        let program = kept.join(TARGET_FOLDER).join("release/my-bench");
+        std::fs::write(&program, "damaged").unwrap();
+        assert_eq!(repository.output(&commit).unwrap().0, "first");
+        repository.write("src/main.rs", "fn main() { println!(\"third\"); }\n");
+        repository.commit();
+        assert_eq!(repository.output("HEAD").unwrap().0, "third");
+        assert_eq!(repository.output(&commit).unwrap().0, "first");
+        let _lock = FolderLock::take(&kept).unwrap();
+        let refused = repository.output("HEAD").unwrap_err().to_string();
         assert!(refused.contains("is in use by process "), "{refused}");
+        let inside = RevisionBuilds::of(&repository.path, &repository.path.join("cache"));
+        let refused = inside.err().unwrap().to_string();
+        assert!(refused.contains("lies in the repository"), "{refused}");
+    }
+
+    /// cargo's command lines without the folders in which they run.
+    fn command_lines(source: &Path) -> String {
+        let target = tempfile::tempdir().unwrap();
+        let mut cargo = cargo();
+        cargo.args(["rustc", "-vv", "--release", "--bin", TARGET.binary, "--target-dir"]);
+        let output = cargo.arg(target.path()).current_dir(source).output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        let root = git(source, &["rev-parse", "--show-toplevel"]).unwrap();
+        let told = told.replace(&*target.path().to_string_lossy(), "TARGET").replace(&root, "ROOT");
+        let lines = told.lines().filter(|line| line.trim_start().starts_with("Running"));
+        let words = lines.flat_map(|line| line.split(' '));
+        // Digests of where the crate lies.
+        words
+            .filter(|word| {
+                !["metadata=", "extra-filename=", "-L"].iter().any(|own| word.contains(own))
+            })
+            .join(" ")
     }
 
     #[test]
-    fn whatever_changes_what_is_built_makes_another_build() {
-        let plain = |variables: &[(&str, &str)], configurations: &[&str]| {
-            let variables = variables.iter().map(|(name, value)| (name.into(), value.into()));
-            let configurations: Vec<_> =
-                configurations.iter().map(|text| text.as_bytes().to_vec()).collect();
-            build_fingerprint("rustc 1", TARGET, variables, &configurations)
-        };
-        let other = CargoTarget { package: "other", ..TARGET };
-        let fingerprints = [
-            plain(&[], &[]),
-            build_fingerprint("rustc 2", TARGET, [], &[]),
-            build_fingerprint("rustc 1", other, [], &[]),
-            plain(&[("RUSTFLAGS", "")], &[]),
-            plain(&[("RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
-            plain(&[("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
-            plain(&[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0")], &[]),
-            plain(&[("CARGO_BUILD_TARGET", "x86_64-unknown-linux-gnu")], &[]),
-            plain(&[("CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER", "lld")], &[]),
-            plain(&[], &["[profile.release]\nlto = true"]),
-            plain(&[], &["", "[profile.release]\nlto = true"]),
-        ];
-        let different: BTreeSet<&String> = fingerprints.iter().collect();
-        assert_eq!(different.len(), fingerprints.len(), "{fingerprints:?}");
-        assert_eq!(plain(&[("PATH", "/bin"), ("CARGO_TERM_COLOR", "never")], &[]), fingerprints[0]);
-        let folder = tempfile::tempdir().unwrap();
-        let before = cargo_configurations(folder.path()).len();
-        let deep = folder.path().join("a/b");
-        std::fs::create_dir_all(folder.path().join(".cargo")).unwrap();
-        std::fs::write(folder.path().join(".cargo/config.toml"), "[build]").unwrap();
-        assert_eq!(cargo_configurations(&deep).len(), before + 1);
+    fn a_revision_is_built_as_a_clean_clone_is() {
+        let repository = TestRepository::new();
+        repository.output("HEAD~1").unwrap();
+        let clone = tempfile::tempdir().unwrap();
+        let from = repository.folder.path().to_string_lossy().into_owned();
+        git(clone.path(), &["clone", "--quiet", &from, "clone"]).unwrap();
+        let clone = clone.path().join("clone");
+        git(&clone, &["checkout", "--quiet", "HEAD~1"]).unwrap();
+        let checkout = repository.builds().kept.join(CHECKOUT);
+        let [kept, clean] = [checkout, clone].map(|root| command_lines(&root.join("crates/mine")));
+        assert!(
+            clean.contains("--crate-name my_bench") && clean.contains("opt-level=3"),
+            "{clean}"
+        );
+        assert_eq!(kept, clean);
+        // As it was built once: in a folder of the repository.
+        let nested = repository.folder.path().join("target/base");
+        repository.git(["worktree", "add", "--quiet", &nested.to_string_lossy(), "HEAD~1"]);
+        assert_ne!(command_lines(&nested.join("crates/mine")), clean);
     }
 
     #[test]
@@ -427,23 +558,39 @@ mod tests {
     }
 
     #[test]
-    fn a_revision_that_does_not_build_shows_the_compilers_last_lines() {
+    fn what_cannot_be_built_is_told_by_the_compilers_last_lines_or_what_to_do() {
         let repository = TestRepository::new();
-        let message = repository.build("HEAD").0.unwrap_err().to_string();
-        assert!(message.contains("revision `HEAD` does not build"), "{message}");
+        let message = repository.output("HEAD").unwrap_err().to_string();
+        assert!(message.contains("does not build"), "{message}");
         assert!(message.contains("cannot find function `second`"), "{message}");
-        assert!(repository.is_clean());
+        for (file, text) in [("Cargo.toml", MANIFEST), ("Cargo.lock", LOCK)] {
+            repository.write(file, &text.replace("\"mine\"", "\"other\""));
+        }
+        repository.commit();
+        let message = repository.output("HEAD").unwrap_err().to_string();
+        assert!(
+            message.contains("has no program `my-bench`") && message.contains("--base-cmd"),
+            "{message}"
+        );
     }
 
     #[test]
-    fn only_the_newest_builds_are_kept() {
-        let folder = tempfile::tempdir().unwrap();
-        for n in 0..MAX_CACHED + 3 {
-            std::fs::create_dir(folder.path().join(n.to_string())).unwrap();
+    fn room_is_made_of_what_was_longest_unused() {
+        let cache = tempfile::tempdir().unwrap();
+        let kept = ["a", "b", "c"].map(|name| cache.path().join(name));
+        for (age, folder) in kept.iter().enumerate() {
+            std::fs::create_dir(folder).unwrap();
+            std::fs::write(folder.join("file"), [0; 100]).unwrap();
+            let time = SystemTime::now() - std::time::Duration::from_secs(1000 * age as u64);
+            std::fs::File::open(folder).unwrap().set_modified(time).unwrap();
         }
-        let newest = folder.path().join("0");
-        forget_old(folder.path(), &newest);
-        assert!(newest.exists());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), MAX_CACHED);
+        for (own, bytes, left) in [(0, 300, "abc"), (0, 299, "ab"), (1, 100, "b"), (1, 99, "")] {
+            make_room(&kept[own], bytes);
+            let names = kept.iter().filter(|folder| folder.exists());
+            assert_eq!(
+                names.map(|path| path.file_name().unwrap().to_string_lossy()).join(""),
+                left
+            );
+        }
     }
 }

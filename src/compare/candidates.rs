@@ -10,7 +10,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use itertools::Itertools;
 use serde::Serialize;
 
-use super::build::{self, Worktree};
+use super::build::{self, ProgramCopy, Revision, Worktree};
 use super::flow::Program;
 use super::launch::WorkerStart;
 use fathom_base::process::{self, Limits, ProcessError};
@@ -87,6 +87,14 @@ impl SearchSpace {
         }
     }
 
+    /// The folder of a search's checkouts, if it has any.
+    pub fn checkouts(&self, folder: &Path, search: &Path) -> Result<PathBuf> {
+        if matches!(self, Self::Lines { .. }) || matches!(self.building(), BuildMethod::Cargo) {
+            return Ok(PathBuf::new());
+        }
+        build::checkouts(folder, search)
+    }
+
     pub fn building(&self) -> &BuildMethod {
         let (Self::Revisions { by, .. } | Self::Lines { by, .. }) = self;
         by
@@ -97,24 +105,28 @@ impl SearchSpace {
 fn revisions(folder: &Path, good: &str, bad: &str) -> Result<Vec<Candidate>> {
     let repository = build::repository(folder)?;
     let [good, bad] = [build::commit(&repository, good)?, build::commit(&repository, bad)?];
+    // What a good revision of another branch has in common with the bad one is good.
+    let common = build::merge_base(&repository, [&good, &bad])?;
+    let parted = if common == good {
+        String::new()
+    } else {
+        format!("{good} is of another branch: the search begins where they part, at {common}")
+    };
+    let good = common;
     let range = format!("{good}..{bad}");
     let lines = process::git(
         &repository,
         &["log", "--reverse", "--first-parent", "--format=%H %s", &range],
     );
     let lines = lines.map_err(|reason| anyhow!("git log: {reason}"))?;
-    let precedes = process::git(&repository, &["merge-base", "--is-ancestor", &good, &bad]).is_ok();
-    if lines.is_empty() || !precedes {
-        let hint = build::shallow_hint(&repository);
-        bail!(
-            "the good revision must come before the bad one: there is nothing between them{hint}"
-        );
+    if lines.is_empty() {
+        bail!("the good revision must come before the bad one: there is nothing between them");
     }
     let later = lines.lines().map(|line| {
         let (commit, subject) = line.split_once(' ').unwrap_or((line, ""));
         Candidate::from_commit(commit, subject)
     });
-    Ok(std::iter::once(Candidate::from_commit(&good, "")).chain(later).collect())
+    Ok(std::iter::once(Candidate::from_commit(&good, &parted)).chain(later).collect())
 }
 
 /// What a file lists, one a line.
@@ -139,6 +151,8 @@ pub struct CandidateBuilder<'a> {
     pub report: &'a dyn Fn(&str),
     /// Built checkouts by commit, until the search ends.
     pub built: RefCell<BTreeMap<String, Worktree>>,
+    /// The same of cargo's programs.
+    pub programs: RefCell<BTreeMap<String, ProgramCopy>>,
 }
 
 impl CandidateBuilder<'_> {
@@ -159,12 +173,19 @@ impl CandidateBuilder<'_> {
         Ok(Program { label: candidate.label.clone(), start })
     }
 
-    /// cargo's build, from the cache if it is there.
+    /// cargo's build, which is made once in a search.
     fn compiled(&self, candidate: &Candidate) -> Result<WorkerStart> {
-        (self.report)(&format!("building {}", candidate.label));
-        let (name, mut tell) = (&candidate.name, |line: &str| (self.report)(line));
-        let built = build::revision(self.folder, self.target, name, self.interrupted, &mut tell)?;
-        Ok(WorkerStart { gpu: self.gpu.clone(), ..WorkerStart::new(&built) })
+        let name = &candidate.name;
+        if !self.programs.borrow().contains_key(name) {
+            (self.report)(&format!("building {}", candidate.label));
+            let mut tell = |line: &str| (self.report)(line);
+            let revision = Revision { label: candidate.label.clone(), commit: name.clone() };
+            let (folder, target, interrupted) = (self.folder, self.target, self.interrupted);
+            let built = build::revision(folder, target, &revision, interrupted, &mut tell)?;
+            self.programs.borrow_mut().insert(name.clone(), built);
+        }
+        let path = &self.programs.borrow()[name].path;
+        Ok(WorkerStart { gpu: self.gpu.clone(), ..WorkerStart::new(path) })
     }
 
     /// A checkout in which the command has built.

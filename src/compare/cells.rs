@@ -24,10 +24,15 @@ pub struct Gates {
 impl Gates {
     /// Those of an experiment's file, or else those of a catalogue: their name and text.
     pub fn load(path: Option<&Path>, catalogued: (&str, &str)) -> Result<Self> {
-        Self::from_experiment(&match path {
-            None => Experiment::parse(catalogued.0, catalogued.1)?,
-            Some(path) => Experiment::read(path)?,
-        })
+        match path {
+            None => Self::parse(catalogued.0, catalogued.1),
+            Some(path) => Self::from_experiment(&Experiment::read(path)?),
+        }
+    }
+
+    /// Those of an experiment's text.
+    pub fn parse(name: &str, text: &str) -> Result<Self> {
+        Self::from_experiment(&Experiment::parse(name, text)?)
     }
 
     fn from_experiment(experiment: &Experiment) -> Result<Self> {

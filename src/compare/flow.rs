@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use itertools::Itertools;
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
 
 use super::bench::Processes;
 use super::cells::Gates;
@@ -18,7 +17,6 @@ use super::protocol::{GateConfiguration, Greeting, with_driver};
 use super::rounds::{self, EarlierLaunches};
 use super::settings;
 use super::survey::{self, SurveyedBuild};
-use fathom_base::input;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts;
@@ -48,6 +46,8 @@ pub struct CompareOptions {
     pub programs: [Program; 2],
     /// The gates' configurations; the built-in ones without.
     pub cells_file: Option<PathBuf>,
+    /// The base's own list of cells; that of its greeting without, unless `cells_file` is there.
+    pub base_cells: Option<Vec<CellId>>,
     /// Only cells whose names contain this.
     pub filter: Option<String>,
     /// Records and reports say the values of the sides' variables.
@@ -93,7 +93,8 @@ pub fn measure(
             "these cells are of what the host does, and none of the gates that run here measures that"
         );
     }
-    let header = header(options, &gates, &greetings, skipped)?;
+    let digests = digests(options, &builds)?;
+    let header = header(options, &gates, &greetings, &digests, skipped);
     let settings = settings(options, &gates, &header);
     let mut output = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
@@ -163,64 +164,92 @@ fn greet(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Resul
     Ok(greetings)
 }
 
+/// Of the programs of both sides.
+fn digests(options: &CompareOptions, builds: &[SurveyedBuild<'_>; 2]) -> Result<[String; 2]> {
+    let [base, head] = Side::BOTH.map(|side| {
+        let path = &options.programs[side as usize].start.program;
+        let digest = builds[side as usize].digest();
+        digest.with_context(|| format!("{} cannot be read", path.display()))
+    });
+    Ok([base?, head?])
+}
+
 fn header(
     options: &CompareOptions,
     gates: &Gates,
     greetings: &[Greeting; 2],
+    digests: &[String; 2],
     skipped: Vec<Skip>,
-) -> Result<ComparisonHeader> {
-    let build = |side: Side| -> Result<ComparedBuild> {
+) -> ComparisonHeader {
+    let build = |side: Side| {
         let (program, greeting) = (&options.programs[side as usize], &greetings[side as usize]);
-        let path = &program.start.program;
-        let unreadable = |error| anyhow!("{} cannot be read: {error}", path.display());
-        let digest = match &program.start.command {
-            Some(text) => Ok(hex::encode(Sha256::digest(text))),
-            None => input::open(path).and_then(input::sha256).map_err(unreadable),
-        };
-        Ok(ComparedBuild {
+        ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
-            digest: digest?,
+            build: greeting.build.clone(),
+            digest: digests[side as usize].clone(),
             environment: environment::recorded(&program.start.environment, options.env_values),
-        })
+        }
     };
     let [base, head] = greetings;
     let notes = base.notes.iter().chain(&head.notes).unique().cloned();
-    let is_silent = options.programs[0].start.commit.is_some() && base.build.is_none();
+    let commit = base.build.as_ref().and_then(|build| build.commit.as_ref());
+    let is_silent = options.programs[0].start.commit.is_some() && commit.is_none();
     let silent = "the base build does not say of which commit it was built".to_owned();
     let notes = notes.chain(is_silent.then_some(silent));
     let notes = notes.chain(stale_head(options, &greetings[Side::Head as usize]));
     let mut settings = options.settings.clone();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
-    Ok(ComparisonHeader {
-        base: build(Side::Base)?,
-        head: build(Side::Head)?,
+    ComparisonHeader {
+        base: build(Side::Base),
+        head: build(Side::Head),
         adapter: head.adapter.clone(),
         base_adapter: (base.adapter != head.adapter).then(|| base.adapter.clone()),
         settings,
         cells: gates.cells(),
+        base_cells: base_cells(options, base),
         skipped,
         notes: notes.chain(unchecked).collect(),
         ..ComparisonHeader::default()
-    })
+    }
+}
+
+/// The cells of the base's own list that are asked for.
+fn base_cells(options: &CompareOptions, base: &Greeting) -> Vec<CellId> {
+    let greeted = options.cells_file.is_none().then_some(&base.cells);
+    let mut cells = options.base_cells.as_ref().or(greeted).cloned().unwrap_or_default();
+    let (gates, software) = (&options.settings.gates, base.adapter.software);
+    cells.retain(|cell| {
+        let mut gates = gates.iter();
+        options.filter.as_ref().is_none_or(|filter| cell.as_str().contains(filter))
+            && gates.any(|gate| cell.subject().is_measured_by(*gate, software))
+    });
+    cells
 }
 
 /// That the head was built of another commit than the checkout holds.
 fn stale_head(options: &CompareOptions, head: &Greeting) -> Option<String> {
     let (head, checkout) = head.build.as_ref().zip(options.checkout.as_ref())?;
-    let note = || {
+    let is_stale =
+        head.commit.is_some() && (&head.commit, head.dirty) != (&checkout.commit, checkout.dirty);
+    is_stale.then(|| {
         format!("the head was built of {head}, and the checkout is at {checkout}: build it again")
-    };
-    (head != checkout).then(note)
+    })
 }
 
 /// All that defines what is measured. Of variables there are names and a digest, as their values may be secret.
 fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) -> Value {
     let side = |build: &ComparedBuild, program: &Program| {
         let environment = environment::recorded(&program.start.environment, false);
-        json!({ "program": build.digest, "environment": environment, "options": program.start.gpu.to_args() })
+        json!({
+            "program": build.digest,
+            "version": build.version,
+            "build": build.build,
+            "environment": environment,
+            "options": program.start.gpu.to_args(),
+        })
     };
     let [base, head] = &options.programs;
     let sides = json!({

@@ -1,5 +1,6 @@
 //! Worker processes: started under set conditions, asked within a time limit, and ended for certain.
 
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -199,7 +200,7 @@ impl WorkerProcess {
 
     /// Starts a process. It has said nothing yet.
     ///
-    /// The worker is tied to the calling thread: it is killed when that thread ends.
+    /// Whatever ends this process ends the worker and its group.
     pub fn spawn(start: &WorkerStart) -> Result<Self, WorkerFault> {
         let mut command = start.command();
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -353,6 +354,11 @@ impl WorkerProcess {
     fn last_words(&mut self) -> String {
         self.tree.kill();
         self.errors.take().map(StderrReader::finish).unwrap_or_default().to_string()
+    }
+
+    /// The files that a worker of a command runs.
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        self.tree.files()
     }
 
     /// Asks the worker to end, and sees to it.

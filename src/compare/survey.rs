@@ -1,7 +1,10 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
+use sha2::{Digest, Sha256};
+
 use super::launch::{ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
+use fathom_base::input;
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
@@ -24,6 +27,18 @@ impl<'a> SurveyedBuild<'a> {
     pub fn greet(&mut self) -> Result<Greeting, WorkerFault> {
         let waiting = self.waiting;
         self.worker()?.greet(&waiting)
+    }
+
+    /// What its side is: the program, or of a command the text and the files that its worker runs.
+    pub fn digest(&self) -> std::io::Result<String> {
+        let Some(text) = &self.start.command else {
+            return input::open(&self.start.program).and_then(input::sha256);
+        };
+        let mut sum = Sha256::new_with_prefix(text);
+        for file in self.worker.iter().flat_map(WorkerProcess::files) {
+            sum.update(input::open(&file).and_then(input::sha256)?);
+        }
+        Ok(hex::encode(sum.finalize()))
     }
 
     /// The worker, a fresh one if the last has died.

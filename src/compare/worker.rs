@@ -8,8 +8,10 @@ use std::io::{BufRead, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
+use serde_json::Value;
 use thiserror::Error;
 
+use super::cells::Gates;
 use super::protocol::{
     self, CheckReading, Exact, ExactStage, GateConfiguration, Greeting, PROTOCOL, Reply,
     ServeError, StageKind, WorkerRequest,
@@ -42,16 +44,18 @@ pub extern "C" fn fathom_sample_boundary() {
     BOUNDARIES.fetch_add(1, Ordering::SeqCst);
 }
 
-/// Answers each line of `input` with a line of `output`, until `quit`, the end of the input or a fatal fault.
+/// Answers each line of `input` with a line of `output`, until `quit`, the end of the input or a fatal fault. `set` holds parameters for
+/// each configuration whose pipeline has them.
 pub fn serve(
     options: &gpu::Options,
     catalog: &Catalog,
+    set: &[(String, Value)],
     input: impl BufRead,
     output: impl Write,
 ) -> Result<(), ServeError> {
     quiet::pad_heap();
     let subjects = Subjects::new(catalog).silent();
-    let mut worker = RequestServer { options, catalog, subjects, device: None };
+    let mut worker = RequestServer { options, catalog, set, subjects, device: None };
     protocol::serve(input, output, |request| worker.reply(request).unwrap_or_else(Refusal::reply))
 }
 
@@ -104,6 +108,7 @@ impl Refusal {
 struct RequestServer<'a> {
     options: &'a gpu::Options,
     catalog: &'a Catalog,
+    set: &'a [(String, Value)],
     subjects: Subjects,
     device: Option<OpenDevice>,
 }
@@ -125,7 +130,11 @@ impl RequestServer<'_> {
         let device = self.device.as_mut().ok_or(Refusal::NoHello)?;
         match request {
             WorkerRequest::Clock => Ok(Reply::Clock { clock: device.clock.plan(&device.gpu)? }),
-            WorkerRequest::Prepare { configuration } => {
+            WorkerRequest::Prepare { mut configuration } => {
+                let fields = (self.catalog.kind(&configuration.pipeline)?.fields)();
+                let is_known = |path: &str| fields.iter().any(|field| field.path == path);
+                let set = self.set.iter().filter(|(path, _)| is_known(path)).cloned();
+                configuration.params.extend(set);
                 device.prepare(&mut self.subjects, &configuration)
             }
             WorkerRequest::Sample { config, stage, frames } => {
@@ -152,7 +161,9 @@ impl RequestServer<'_> {
             cores: Some(quiet::allowed_cores()).filter(|cores| !cores.is_empty()),
             randomized: quiet::randomized(),
             notes: device.gpu.notes.clone(),
-            build: Some(self.catalog.build()).filter(|build| build.commit.is_some()),
+            build: Some(self.catalog.build()),
+            cells: Gates::load(None, self.catalog.gates)
+                .map_or_else(|_| Vec::new(), |own| own.cells()),
         })))
     }
 }

@@ -7,7 +7,7 @@ use super::pipelines::Pipelines;
 use super::shader::ShaderCache;
 use super::{Capacity, GpuError, TimedStage, mask};
 use fathom_base::embedded::{Folders, SHADERS};
-use fathom_clock::{ClockPlan, Device, FrameTimer, SubmitCost, describe};
+use fathom_clock::{ClockPlan, Device, FrameTimer, SubmitCost, catch_panic, describe};
 use fathom_record as record;
 use fathom_record::{Feature, Mask};
 use serde::Serialize;
@@ -316,10 +316,9 @@ fn request(
         },
         trace: wgpu::Trace::Off,
     };
-    pollster::block_on(chosen.request_device(&descriptor)).map_err(|error| GpuError::Open {
-        adapter: adapter.name.clone(),
-        reason: error.to_string(),
-    })
+    let opened = catch_panic(|| pollster::block_on(chosen.request_device(&descriptor)));
+    let opened = opened.and_then(|opened| opened.map_err(|error| error.to_string()));
+    opened.map_err(|reason| GpuError::Open { adapter: adapter.name.clone(), reason })
 }
 
 #[cfg(test)]

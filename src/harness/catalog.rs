@@ -7,6 +7,7 @@ use std::io::{self, Read};
 use serde_json::Value;
 use thiserror::Error;
 
+use fathom_base::BUILT_WITH;
 use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
 use fathom_base::input;
 use fathom_base::parameter::{self, Allowed, ParamError, ParamField};
@@ -86,7 +87,8 @@ impl Catalog {
 
     /// What the program was built of, as records hold it.
     pub fn build(&self) -> Build {
-        Build::described(self.revision)
+        let with = BUILT_WITH.map(|(name, value)| (name.to_owned(), value.to_owned()));
+        Build { with: with.into(), ..Build::described(self.revision) }
     }
 
     /// Digest of this program's file and of the shaders, which a development build reads from its checkout.

@@ -49,7 +49,7 @@ pub fn on_page(stored: &StoredRuns, findings: &HistoryChanges) -> Vec<Block> {
     let mut parts = changes(stored, findings);
     parts.push(Block::Heading("Figures over commits".into()));
     parts.push(Block::paragraph(
-        "A point is the median of a run, a bar its 95 % interval. Runs stand in the order of their commits' dates, equally far apart. \
+        "A point is the median of a run, a bar its 95 % interval. Runs stand in the order of their commits, equally far apart. \
          A dashed line is a change, named below the chart. The vertical axis does not begin at 0.",
     ));
     parts.push(Block::Grid(shown.map(|place| chart(stored, findings, place)).collect()));

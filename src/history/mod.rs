@@ -1,7 +1,7 @@
 //! Runs over commits: a database of the figures in their records, and where these changed.
 //!
 //! A run's identity is the SHA-256 of its records. A figure over the runs of one branch,
-//! machine, adapter, driver, profile and configuration is a series, in the order of the commits' dates, and of one commit in
+//! machine, adapter, driver, profile and configuration is a series, in the order of the commits, and of one commit in
 //! the order in which the runs started.
 
 mod controls;

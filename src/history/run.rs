@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use fathom_base::{input, text};
 use fathom_record as record;
 use fathom_record::{
-    Cell, Clock, Damaged, Estimate, Measured, Record, RecordError, Run, ShaderChecks,
+    Build, Cell, Clock, Damaged, Estimate, Measured, Record, RecordError, Run, ShaderChecks,
 };
 
 /// The figures of a cell share its names.
@@ -63,6 +63,8 @@ pub struct NewRun {
     pub started_at: String,
     pub adapter: String,
     pub driver: String,
+    /// Names no commit where the records do not.
+    pub build: Build,
     /// Machines of its sessions, each once; none for records that do not name it.
     pub hosts: Vec<Option<String>>,
     /// Measured cells.
@@ -103,6 +105,7 @@ impl NewRun {
             started_at: header.started_at.clone(),
             adapter: header.adapter.title(),
             driver: driver(&header),
+            build: header.build.unwrap_or_default(),
             hosts: contents.hosts.into_iter().collect(),
             cells: contents.cells.len(),
             figures: contents.figures.into_iter().map(of_figure).collect(),
@@ -117,6 +120,7 @@ struct RunContents {
     header: Option<Run>,
     records: usize,
     is_comparison: bool,
+    builds: IndexSet<Option<Build>>,
     hosts: IndexSet<Option<String>>,
     /// Resume keys of those that were measured.
     cells: BTreeSet<String>,
@@ -129,6 +133,7 @@ impl RunContents {
         self.records += 1;
         match record {
             Record::Run(run) => {
+                self.builds.insert(run.build.clone());
                 self.hosts.insert(run.conditions.host.clone());
                 let host = run.conditions.host.as_deref().map(Name::from);
                 let limits = limits(&run).into_iter();
@@ -161,6 +166,9 @@ impl RunContents {
         }
         if self.is_comparison {
             bail!("{path} holds a comparison, and a history stores runs only");
+        }
+        if self.builds.len() > 1 {
+            bail!("{path} was measured by several builds: measure it again, in another folder");
         }
         let header = self.first.take();
         header.with_context(|| {

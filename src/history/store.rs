@@ -140,14 +140,19 @@ fn named(path: &Path) -> String {
 }
 
 fn is_made(connection: &Connection) -> anyhow::Result<bool> {
-    let count = |which: &str| -> rusqlite::Result<i64> {
-        let statement = format!("SELECT COUNT(*) FROM sqlite_master {which}");
-        connection.query_row(&statement, [], |row| row.get(0))
-    };
-    if count("WHERE type = 'table' AND name = 'fathom_history'")? == 0 {
-        let others = count("")?;
-        ensure!(others == 0, "it is the database of another program, so nothing was changed in it");
+    let made = "SELECT name, tbl_name, sql FROM sqlite_master WHERE sql IS NOT NULL";
+    let row = |row: &rusqlite::Row<'_>| Ok([row.get(0)?, row.get(1)?, row.get(2)?]);
+    let made: Vec<[String; 3]> = connection.prepare(made)?.query_map([], row)?.try_collect()?;
+    if !made.iter().any(|[name, ..]| name == "fathom_history") {
+        let is_empty = made.is_empty();
+        ensure!(is_empty, "it is the database of another program, so nothing was changed in it");
         return Ok(false);
+    }
+    // A view, a virtual table, a computed column, or an index or a trigger on a table may do anything.
+    let is_own = |table: &str| table.to_lowercase().starts_with("fathom_");
+    let is_foreign = |[_, table, sql]: &&[String; 3]| is_own(table) && !TABLES.contains(&**sql);
+    if let Some([name, ..]) = made.iter().find(is_foreign) {
+        bail!("`{name}` in it was not made by this build of fathom: begin another history");
     }
     let format: i64 =
         connection.query_row("SELECT format FROM fathom_history", [], |row| row.get(0))?;
@@ -155,6 +160,12 @@ fn is_made(connection: &Connection) -> anyhow::Result<bool> {
         format == FORMAT,
         "it has history format {format}, but this build reads format {FORMAT}: use the build that wrote it"
     );
+    // Pages of a damaged table may refer to one another without end.
+    for [table, ..] in made.iter().filter(|[_, table, _]| is_own(table)) {
+        let check = format!("PRAGMA quick_check({table})");
+        let found: String = connection.query_row(&check, [], |row| row.get(0))?;
+        ensure!(found == "ok", "its table {table} is damaged");
+    }
     Ok(true)
 }
 

@@ -10,6 +10,7 @@ use jiff::tz::TimeZone;
 use rusqlite::Row;
 
 use super::History;
+use super::origin::{DIRTY, places};
 use super::run::{FigureKey, NANOSECONDS, Name, shorten};
 use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
@@ -25,6 +26,8 @@ pub struct StoredRun {
     pub commit: String,
     /// Of the commit, seconds of Unix time.
     pub committed_at: i64,
+    /// Of the commit among those that the repository here has.
+    pub place: Option<(i64, usize)>,
     pub branch: String,
     pub machine: String,
     pub adapter: String,
@@ -36,9 +39,13 @@ pub struct StoredRun {
 }
 
 impl StoredRun {
-    /// Beginning of its commit's name.
+    /// Beginning of its commit's name, and whether files differed from it.
     pub fn short_commit(&self) -> String {
-        shorten(&self.commit)
+        shorten(&self.commit) + if self.commit.ends_with(DIRTY) { DIRTY } else { "" }
+    }
+
+    fn order(&self) -> (i64, usize) {
+        self.place.unwrap_or((self.committed_at, 0))
     }
 
     pub fn short_digest(&self) -> String {
@@ -112,7 +119,7 @@ pub struct RunValue {
     pub value: Estimate,
 }
 
-/// Runs in the order of their commits' dates, those of one commit as they started; and series over them.
+/// Runs in the order of their commits, those of one commit as they started; and series over them.
 #[derive(Clone, Debug, Default)]
 pub struct StoredRuns {
     pub runs: Vec<StoredRun>,
@@ -147,9 +154,13 @@ impl History {
             format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
         let mut statement = self.connection.prepare(&statement)?;
         let mut runs: Vec<StoredRun> = statement.query_map([], from_row)?.try_collect()?;
+        let commit = |run: &StoredRun| run.commit.trim_end_matches(DIRTY).to_owned();
+        let places = places(runs.iter().map(commit).unique().collect());
+        runs.iter_mut().for_each(|run| run.place = places.get(&commit(run)).copied());
+        runs.sort_by_key(StoredRun::order);
         if let Some(since) = &selection.since {
-            let since = moment(since, &runs)?;
-            runs.retain(|run| run.committed_at >= since);
+            let since = first(since, &runs)?;
+            runs.retain(|run| run.order() >= since);
         }
         if let Some(branch) = &selection.branch {
             runs.retain(|run| run.branch == *branch);
@@ -232,6 +243,7 @@ fn from_row(row: &Row<'_>) -> rusqlite::Result<StoredRun> {
         digest: row.get(1)?,
         commit: row.get(2)?,
         committed_at: row.get(3)?,
+        place: None,
         branch: row.get(4)?,
         machine: row.get(5)?,
         adapter: row.get(6)?,
@@ -242,14 +254,13 @@ fn from_row(row: &Row<'_>) -> rusqlite::Result<StoredRun> {
     })
 }
 
-/// Seconds of Unix time of a date (its beginning, UTC), a moment, or a commit of these runs.
-fn moment(since: &str, runs: &[StoredRun]) -> anyhow::Result<i64> {
+/// Where a date (its beginning, UTC), a moment, or a commit of these runs stands.
+fn first(since: &str, runs: &[StoredRun]) -> anyhow::Result<(i64, usize)> {
     let date = since.parse::<Date>().ok().filter(|_| !since.contains('T'));
     let date = date.and_then(|date| date.to_zoned(TimeZone::UTC).ok()).map(|day| day.timestamp());
-    let moment = date.or_else(|| since.parse().ok()).map(Timestamp::as_second);
+    let moment = date.or_else(|| since.parse().ok()).map(|moment| (moment.as_second(), 0));
     let commit = || runs.iter().find(|run| run.commit.starts_with(since));
-    let found = moment.or_else(|| commit().map(|run| run.committed_at));
-    found.with_context(|| {
+    moment.or_else(|| commit().map(StoredRun::order)).with_context(|| {
         let since = line(since);
         format!("`{since}` is neither a date such as 2026-01-31 nor a commit of this history")
     })

@@ -30,10 +30,21 @@ pub fn runs(runs: &[StoredRun]) -> String {
             format!("{}, {}", run.adapter, run.driver),
         ]
     });
-    document::terminal(&[Block::Table(Table::new("Runs", head).with_rows(rows))]).trim().to_owned()
+    let table = document::terminal(&[Block::Table(Table::new("Runs", head).with_rows(rows))]);
+    format!("{}\n\n{}", table.trim(), by_date(runs)).trim_end().to_owned()
 }
 
-/// What was searched and what was found, in one or two sentences.
+/// What dates decide, where the repository here does not have all commits; else empty.
+fn by_date(runs: &[StoredRun]) -> String {
+    match runs.iter().filter(|run| run.place.is_none()).count() {
+        0 => String::new(),
+        count => format!(
+            "Not in the order of commits: {count} runs stand by date, as git here does not have their commits. Run this in a whole clone."
+        ),
+    }
+}
+
+/// What was searched and what was found, in some sentences.
 pub fn headline(stored: &StoredRuns, findings: &HistoryChanges) -> String {
     let HistoryChanges { changes, searched, too_short } = findings;
     let runs = stored.runs.len();
@@ -54,7 +65,8 @@ pub fn headline(stored: &StoredRuns, findings: &HistoryChanges) -> String {
     if drift > 0 {
         headline += &format!(". Machine drift, which the controls share: {drift}");
     }
-    if changes.is_empty() { headline + ". No change." } else { headline + "." }
+    headline += if changes.is_empty() { ". No change." } else { "." };
+    format!("{headline} {}", by_date(&stored.runs)).trim_end().to_owned()
 }
 
 /// The two commits between which a figure changed.

@@ -2,4 +2,3 @@
 
 pub mod cells;
 pub mod claims;
-pub mod times;

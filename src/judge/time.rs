@@ -63,6 +63,10 @@ pub struct CellTime {
     /// Of a change beyond the threshold in either direction, by chance; and the same adjusted for two measurements of all cells.
     pub p: f64,
     pub adjusted_p: f64,
+    /// For how many cells.
+    pub adjusted_for: usize,
+    /// The whole interval lies beyond the threshold, in one direction.
+    pub is_beyond_threshold: bool,
     /// The least slowdown that would be found with the power [`rank::POWER`], from the number of launches and their spread; none
     /// where so few launches among so many cells find nothing.
     pub detectable: Option<f64>,
@@ -91,9 +95,11 @@ impl CellTime {
             second,
             base_ns: median(|pair| pair.base_ns),
             head_ns: median(|pair| pair.head_ns),
+            is_beyond_threshold: centre.interval.is_some_and(|i| i.low > bound || i.high < -bound),
             change: centre.map(f64::exp_m1),
             p: (2.0 * slower.min(faster)).min(1.0),
             adjusted_p: 1.0,
+            adjusted_for: 1,
             detectable: None,
             throttled: ThrottledLaunches::count(pairs),
             launches,
@@ -226,8 +232,9 @@ fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> 
     // What Holm's first step leaves to each of two directions.
     let level = settings.alpha / 2.0 / MEASUREMENTS / cells.len().max(1) as f64;
     let bound = (1.0 + settings.threshold).ln();
+    let count = cells.len();
     for (cell, adjusted_p) in cells.iter_mut().zip(rank::holm(&doubled)) {
-        cell.adjusted_p = adjusted_p;
+        (cell.adjusted_p, cell.adjusted_for) = (adjusted_p, count);
         if adjusted_p <= settings.alpha {
             let slower = cell.change.median > 0.0;
             cell.verdict = if slower { TimeVerdict::Slower } else { TimeVerdict::Faster };

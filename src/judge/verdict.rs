@@ -10,7 +10,7 @@ use super::counts::{self, Change, CountChange};
 use super::exact::{self, Difference, FigureKind};
 use super::store::Comparison;
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
-use fathom_record::comparison::{CellId, Fault, Gate, Side};
+use fathom_record::comparison::{CellId, ComparisonHeader, Fault, Gate, Side};
 
 /// What is concluded of a cell, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Display, EnumIter)]
@@ -175,6 +175,18 @@ impl<'a> Verdicts<'a> {
         } else {
             Status::NoRegression
         }
+    }
+
+    /// Cells of the base's own list that the head's lacks, and those that the base's list or the base lacks.
+    pub fn cells_of_one_side(&self) -> [Vec<&CellId>; 2] {
+        let ComparisonHeader { cells, base_cells, .. } = &self.comparison.header;
+        let removed = base_cells.iter().filter(|cell| !cells.contains(cell));
+        let is_new = |judged: &&JudgedCell| {
+            let is_added = !base_cells.is_empty() && !base_cells.contains(&judged.cell);
+            is_added || judged.verdict == CellVerdict::New
+        };
+        let new = self.cells.iter().filter(is_new).map(|judged| &judged.cell);
+        [removed.collect(), new.collect()]
     }
 
     /// Cells whose verdict is a regression, the gravest first: by verdict, then by how much.

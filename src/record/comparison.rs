@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::Display;
 
 use super::protocol::CheckReading;
-use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
+use super::{Adapter, Build, ErrorFigure, MachineState, Record, Work, nan};
 use fathom_base::private;
 
 /// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
@@ -185,6 +185,9 @@ pub struct ComparisonHeader {
     pub settings: GateSettings,
     /// In the order of `benches/gates.toml`.
     pub cells: Vec<CellId>,
+    /// Those of the base's own list, where it is known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub base_cells: Vec<CellId>,
     /// Gates that were asked for and cannot be run here.
     pub skipped: Vec<Skip>,
     /// On the comparison as a whole.
@@ -203,6 +206,7 @@ impl Default for ComparisonHeader {
             base_adapter: None,
             settings: GateSettings::default(),
             cells: Vec::new(),
+            base_cells: Vec::new(),
             skipped: Vec::new(),
             notes: Vec::new(),
         }
@@ -236,7 +240,10 @@ pub struct ComparedBuild {
     pub version: String,
     /// Of the worker's line protocol. None for a file of records, two of which earlier versions compared in this form.
     pub protocol: Option<u32>,
-    /// SHA-256 of the program or file.
+    /// What it was built of and how, as it says. Absent from comparisons of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build: Option<Build>,
+    /// SHA-256 of the program or file, of a command its text and the files that its worker runs.
     pub digest: String,
     /// What its processes alone were given.
     #[serde(default, skip_serializing_if = "SideEnvironment::is_empty")]

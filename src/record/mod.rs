@@ -134,7 +134,7 @@ impl Run {
 
 /// The revision that a program was built of. What a development build reads from its checkout when it runs may be newer: shaders,
 /// scenes, experiments.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 pub struct Build {
     /// Hash of the commit; null where the program was built outside a repository.
     pub commit: Option<String>,
@@ -143,6 +143,9 @@ pub struct Build {
     /// Digest of the program's file and of the shaders that it read. Absent from records of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<String>,
+    /// How it was built: `profile`, `opt-level`, `target`, `flags` and `compiler`. Absent from programs of earlier versions.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub with: BTreeMap<String, String>,
 }
 
 impl Build {
@@ -151,7 +154,19 @@ impl Build {
         let commit = revision.strip_suffix("-dirty");
         let dirty = commit.is_some();
         let commit = Some(commit.unwrap_or(revision)).filter(|commit| !commit.is_empty());
-        Self { commit: commit.map(str::to_owned), dirty, program: None }
+        Self { commit: commit.map(str::to_owned), dirty, program: None, with: BTreeMap::new() }
+    }
+
+    /// What differs between how two were built, of what both say: `profile debug → release`.
+    pub fn differences(&self, other: &Self) -> Vec<String> {
+        let pairs =
+            self.with.iter().filter_map(|(name, own)| Some((name, own, other.with.get(name)?)));
+        let different = pairs.filter(|(_, own, other)| own != other);
+        let or_none =
+            |text: &str| if text.is_empty() { "none".to_owned() } else { text.to_owned() };
+        different
+            .map(|(name, own, other)| format!("{name} {} → {}", or_none(own), or_none(other)))
+            .collect()
     }
 }
 

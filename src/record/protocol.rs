@@ -149,7 +149,7 @@ pub enum Reply {
 }
 
 /// What a worker says of itself.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Greeting {
     /// Version of the protocol.
     pub protocol: u32,
@@ -171,6 +171,9 @@ pub struct Greeting {
     /// What the program was built of; absent from programs that do not know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
+    /// The cells of its own gates; absent from programs that have none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cells: Vec<CellId>,
 }
 
 /// `llvmpipe (Mesa 22.3.6)`.

@@ -1,21 +1,22 @@
-//! What changed from one run to another: what `fathom report A B`, the page of two runs, and `fathom compare` of two files of
-//! records tell. Exact figures are those of the exact gate; `fathom_judge::changes` has the rules for times.
+//! What changed from one run to another: what `fathom compare` of two files of records prints. Exact figures are those of the exact
+//! gate. Times stand beside each other and are not judged: two runs share no pairs, so whatever the machine did between them is in
+//! every ratio.
 
+use std::iter;
 use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
 use itertools::{Itertools, chain};
 
 use crate::comparison::rows;
-use crate::document::{self, Block, Span, Table, Tone};
-use crate::format::{NS_PER_MS, count_noun, interval, percent, three};
+use crate::document::{self, Block, Table};
+use crate::format::{count_noun, ms, stage_ms, three};
 use crate::{Report, facts, noise, run_conditions, shown_file};
 use fathom_experiments::Ruling;
 use fathom_experiments::schema::Claim;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::changes::cells::{CellMatches, CellRemark, MAX_NAMED};
 use fathom_judge::changes::claims::{self, ClaimChange};
-use fathom_judge::changes::times::{CommonShift, StageChange, TimeChange, TimeChanges};
 use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
 use fathom_judge::files::{RunFile, SameCells};
 use fathom_judge::run::Noise;
@@ -30,12 +31,9 @@ const MAX_ROWS: usize = 8;
 pub struct RunChanges {
     /// By what is exact.
     pub status: Status,
-    /// How noisy the runs were, and what that lets be seen; none where no times are compared.
-    pub noise: Option<String>,
     /// What was judged, and what cannot be.
     pub headline: String,
-    /// Why the runs are hard to compare.
-    pub doubts: Vec<String>,
+    /// Why the runs are hard to compare, then what changed.
     pub blocks: Vec<Block>,
 }
 
@@ -63,25 +61,26 @@ impl RunChanges {
         let views = [&views[0], &views[1]];
         let paths = [&base.path, &head.path].map(PathBuf::as_path);
         let cells = CellMatches::match_runs(views.map(cells));
-        let times = TimeChanges::compare(if untimed.is_some() { &[] } else { &cells.both });
-        let not_judged = match untimed {
+        let times = cells.both.iter().map(time_rows).filter(|rows| !rows.is_empty()).collect_vec();
+        let not_judged = match &untimed {
             None => format!(
                 "times of {} not judged: two runs share no pairs",
-                count_noun(times.frames().count(), "cell")
+                count_noun(times.len(), "cell")
             ),
             Some(reason) => format!("times not compared: {reason}"),
         };
+        let times = if untimed.is_none() { times.concat() } else { Vec::new() };
+        let doubts = [comparison.header.notes.clone(), caveats(views)].concat();
         Ok(Self {
             status: verdicts.status,
-            noise: noise_words(views, &times),
             headline: format!("{}; {not_judged}", exact_headline(verdicts)),
-            doubts: [comparison.header.notes.clone(), caveats(views)].concat(),
             blocks: [
+                vec![Block::list(doubts)],
                 claims_block(views),
-                times_block(&times, views),
                 exact_block(verdicts),
                 machine_block(views, paths),
                 cells_block(&cells),
+                times_block(times),
             ]
             .into_iter()
             .flatten()
@@ -89,17 +88,9 @@ impl RunChanges {
         })
     }
 
-    /// How noisy the runs were, the headline, doubts, and each block with its rows.
-    pub fn into_parts(self) -> Vec<Block> {
-        let doubts = self.doubts.into_iter().map(|doubt| Span::Chip(Tone::Open, doubt));
-        let noise = self.noise.map(Block::paragraph);
-        let headline = Block::paragraph(self.headline);
-        chain![noise, [headline, Block::list(doubts)], self.blocks].collect()
-    }
-
     /// For the terminal.
     pub fn into_text(self) -> String {
-        document::terminal(&self.into_parts())
+        document::terminal(&chain![[Block::paragraph(self.headline)], self.blocks].collect_vec())
     }
 }
 
@@ -173,18 +164,6 @@ fn caveats([base, head]: [&Report<'_>; 2]) -> Vec<String> {
     doubts
 }
 
-/// `noisy: base noisy, head quiet; stages scatter by 4.1 % between the runs; a change of one below 22 % cannot be told from that`
-fn noise_words(views: [&Report<'_>; 2], times: &TimeChanges<'_>) -> Option<String> {
-    let scatter = times.scatter?;
-    let verdicts = views.map(|view| view.verdict.as_ref().map(|verdict| verdict.noise));
-    let [Some(base), Some(head)] = verdicts else { return None };
-    let worst = base.max(head);
-    let [between, visible] = [scatter.between, scatter.visible].map(percent);
-    Some(format!(
-        "{worst}: base {base}, head {head}; stages scatter by {between} between the runs; a change of one below {visible} cannot be told from that"
-    ))
-}
-
 fn rulings<'a>(view: &'a Report<'a>) -> impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)> {
     view.sections
         .iter()
@@ -203,69 +182,33 @@ fn claims_block(views: [&Report<'_>; 2]) -> Vec<Block> {
     block("Claims", vec![lead], heads, changed.iter().map(row))
 }
 
-fn times_block(times: &TimeChanges<'_>, views: [&Report<'_>; 2]) -> Vec<Block> {
-    let common = times.common.map_or(1.0, |common| common.ratio);
-    let noises = views.map(|view| view.verdict.as_ref().map(|verdict| verdict.noise));
-    let are_quiet = noises == [Some(Noise::Quiet); 2];
-    let open = "which stage became slower cannot be judged: both runs must be quiet";
-    let mut lead: Vec<String> = (!are_quiet).then(|| open.to_owned()).into_iter().collect();
-    lead.push(times.common.as_ref().map_or_else(
-        || format!("{} are too few to judge one among them", count_noun(times.stages, "stage")),
-        common_words,
-    ));
-    let default = facts::default_frame(views[0]).map(|frame| frame.cell);
-    let is_default = |time: &&TimeChange<'_>| {
-        default.is_some_and(|cell| cell_name(cell) == cell_name(time.cell))
+/// The frame and each stage that both runs timed in a cell: none is chosen, as a choice would judge.
+fn time_rows([base, head]: &[&Cell; 2]) -> Vec<[String; 5]> {
+    let both = base.measured().zip(head.measured());
+    let Some((b, h)) = both.filter(|(b, h)| b.is_timed() && h.is_timed()) else {
+        return Vec::new();
     };
-    lead.extend(default.map(|cell| match times.frames().find(is_default) {
-        Some(frame) => format!("default frame ({}): {}", cell_name(cell), format_ms(frame)),
-        None => {
-            format!(
-                "default frame ({}): not measured often enough, or not in the same way, in both",
-                cell_name(cell)
-            )
-        }
-    }));
-    if times.common.is_some() && are_quiet {
-        lead.push(chance_words(times));
-    }
-    let row = |change: &StageChange<'_>| {
-        let word = if change.ratio.median > common { "slower" } else { "faster" };
-        let first = &change.changes[0];
-        [
-            format!("{} {word}", change.name),
-            format!("{} of {}", change.changes.len(), count_noun(change.cells, "cell")),
-            format!("× {}", interval(&change.ratio.scaled(1.0 / common))),
-            format!("{}: {}", cell_name(first.cell), format_ms(first)),
-        ]
+    let row = |time: &str, [before, after]: [String; 2], ratio: f64| {
+        [cell_name(head), time.to_owned(), before, after, three(ratio)]
     };
-    let heads = ["Stage", "In", "Beyond the common ratio", "Cell with the largest change"];
-    block("Times", lead, heads, times.changed.iter().filter(|_| are_quiet).map(row))
+    let frames = [b, h].map(|of| ms(&of.frame.untimed, &of.frame.untimed_samples_ns));
+    let frame = row("frame", frames, h.frame.untimed.median / b.frame.untimed.median);
+    let stages = h.stages.iter().filter_map(|after| {
+        let before = b.stages.iter().find(|before| before.stage == after.stage)?;
+        let has_ratio = before.clock == after.clock && before.is_resolved() && after.is_resolved();
+        let ratio = if has_ratio { after.time.median / before.time.median } else { f64::NAN };
+        Some(row(&after.stage, [before, after].map(stage_ms), ratio))
+    });
+    iter::once(frame).chain(stages).collect()
 }
 
-/// `322 → 473 ms, × 1.47 (1.40 – 1.54), n = 12 and 15`
-fn format_ms(time: &TimeChange<'_>) -> String {
-    let [base, head] = time.times.map(|time| three(time.median / NS_PER_MS));
-    let [n, m] = time.times.map(|time| time.n);
-    format!("{base} → {head} ms, × {}, n = {n} and {m}", interval(&time.ratio))
-}
-
-fn common_words(common: &CommonShift) -> String {
-    let [ratio, low, high] = [common.ratio, common.half.low, common.half.high].map(three);
-    format!(
-        "the median stage takes {ratio} times as long (half of the stages {low} – {high}): the machine's state, or a change of \
-         everything"
-    )
-}
-
-fn chance_words(times: &TimeChanges<'_>) -> String {
-    let (stages, cells) = (count_noun(times.stages, "stage"), count_noun(times.all.len(), "time"));
-    format!(
-        "{stages} and frames judged in {cells} ({} not compared: another clock, too short, or too few samples). 95 % intervals of {} \
-         times do not overlap, as runs drift apart; listed is what stands out of that, about 5 % of it by chance",
-        times.uncompared,
-        times.count_disjoint(),
-    )
+fn times_block(rows: Vec<[String; 5]>) -> Vec<Block> {
+    let lead = "medians with the 95 % intervals of each run, not judged; no ratio where clocks differ or cannot tell a time from none";
+    let heads = ["Cell", "Time", "Base (ms)", "Head (ms)", "Head / base"];
+    let has_rows = !rows.is_empty();
+    let table = Block::Table(Table::new("Times", heads).with_rows(rows));
+    let all = vec![Block::Heading("Times".into()), Block::paragraph(lead), table];
+    if has_rows { all } else { Vec::new() }
 }
 
 /// Differences grouped by figure: errors first, what became worse first.

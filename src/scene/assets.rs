@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::{check, read};
-use fathom_base::input;
+use fathom_base::{folder, input};
 
 pub use catalogue::{ASSETS, Asset, AssetKind, AssetSource};
 
@@ -25,23 +25,6 @@ pub fn cache() -> Option<PathBuf> {
     Places::detect().cache
 }
 
-/// The folder for what fathom can make again, by each system's convention.
-fn user_cache() -> Option<PathBuf> {
-    let absolute = |name: &str| {
-        std::env::var_os(name).map(PathBuf::from).filter(|folder| folder.is_absolute())
-    };
-    let home = std::env::home_dir().filter(|home| !home.as_os_str().is_empty());
-    if cfg!(windows) {
-        let local = absolute("LOCALAPPDATA").or_else(|| Some(home?.join("AppData/Local")));
-        return Some(local?.join("fathom/cache"));
-    }
-    if cfg!(target_os = "macos") {
-        return Some(home?.join("Library/Caches/fathom"));
-    }
-    let cache = absolute("XDG_CACHE_HOME").or_else(|| Some(home?.join(".cache")));
-    Some(cache?.join("fathom"))
-}
-
 impl Places {
     pub fn detect() -> Places {
         let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
@@ -49,7 +32,7 @@ impl Places {
         Places {
             cache: variable("FATHOM_CACHE")
                 .map(PathBuf::from)
-                .or_else(|| Some(user_cache()?.join("assets"))),
+                .or_else(|| Some(folder::user_cache()?.join("assets"))),
             cargo_home: variable("CARGO_HOME").map(PathBuf::from).or(home),
             root: PathBuf::from("/"),
         }

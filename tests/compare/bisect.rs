@@ -1,9 +1,12 @@
 //! `fathom bisect` over a repository of a small program that answers as a worker does.
 
 use std::path::Path;
+use std::process::Command;
+
+use tempfile::TempDir;
 
 use super::builds::CELLS;
-use super::common::{Ends, Place, git, holds};
+use super::common::{Ends, Place, git, holds, names};
 use super::script::{Script, hello, sample};
 
 pub const MANIFEST: &str = "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
@@ -16,12 +19,12 @@ const MAIN: &str = "fn main() {
 }
 ";
 
-/// Commits of a program.
-pub struct Commits(pub Place);
+/// Commits of a program, and a cache for its builds.
+pub struct Commits(pub Place, pub TempDir);
 
 impl Commits {
     /// Two of a crate whose program greets so.
-    fn built(hello: &str) -> Self {
+    pub fn built(hello: &str) -> Self {
         let files = [
             ("Cargo.toml", MANIFEST),
             ("Cargo.lock", LOCK),
@@ -38,13 +41,20 @@ impl Commits {
 
     /// A repository whose commits each write something.
     pub fn with_commits(commits: usize, write: impl Fn(&Place, usize)) -> Self {
-        let history = Self(Place::new());
-        history.git(&["init", "--quiet"]);
+        let history = Self(Place::new(), tempfile::tempdir().unwrap());
+        history.git(&["init", "--quiet", "--initial-branch=master"]);
         for number in 0..commits {
             write(&history.0, number);
             history.commit(number);
         }
         history
+    }
+
+    /// The program in its folder.
+    pub fn fathom(&self, words: impl AsRef<str>) -> Command {
+        let mut command = self.0.fathom(words);
+        command.env("XDG_CACHE_HOME", self.1.path());
+        command
     }
 
     fn commit(&self, number: usize) {
@@ -57,7 +67,7 @@ impl Commits {
         git(self.0.path("")).args(["log", "-1", "--format=%s", commit]).answer().trim().to_owned()
     }
 
-    fn git(&self, arguments: &[&str]) {
+    pub fn git(&self, arguments: &[&str]) {
         git(self.0.path("")).args(arguments).ends(0);
     }
 }
@@ -66,9 +76,9 @@ impl Commits {
 fn equal_ends_leave_nothing_to_find() {
     let history = Commits::built(&hello(1, r#""time""#));
     let bisect = "bisect --gates time --cells-file cells.toml --launches 10 --json --out";
-    let found = history.0.fathom(format!("{bisect} out --good HEAD~1")).ends(1).json();
+    let found = history.fathom(format!("{bisect} out --good HEAD~1")).ends(1).json();
     assert!(found["answer"].is_null() && found["ends"] == "no regression", "{found}");
-    let mut turned = history.0.fathom(format!("{bisect} other --good HEAD --bad HEAD~1"));
+    let mut turned = history.fathom(format!("{bisect} other --good HEAD --bad HEAD~1"));
     turned.refused("the good revision must come before the bad one");
 }
 
@@ -85,7 +95,7 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
         place.write(".gitignore", "/out\n");
     });
     let mut command =
-        history.0.fathom("bisect --good HEAD~5 --gates time --launches 10 --out out --json");
+        history.fathom("bisect --good HEAD~5 --gates time --launches 10 --out out --json");
     command.arg("--cells-file").arg(example.join("cells.toml"));
     command.args(["--build-cmd", "sh build.sh", "--cmd", "python3 worker.py --counted"]);
     let found = command.ends(0).json();
@@ -93,18 +103,38 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
     assert_eq!(history.subject(answer["first"].as_str().unwrap()), "Change 4", "{found}");
     assert!(found["count"] == 5 && answer["probability"].as_f64().unwrap() >= 0.95, "{answer}");
     assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{found}");
-    let left = std::fs::read_dir(history.0.path("out/checkouts")).unwrap().count();
-    assert_eq!(left, 0, "checkouts are removed in the end");
+    let checkouts = history.1.path().join("fathom/searches");
+    let checkouts = checkouts.join(&names(&checkouts)[0]);
+    assert_eq!(names(&checkouts), [""; 0], "checkouts are removed in the end");
     let settings = history.0.read("out/settings.json");
     assert!(!settings.contains("--counted"), "a command may hold secrets: {settings}");
     // What a search leaves that is killed.
-    history.git(&["worktree", "add", "--quiet", "--detach", "out/checkouts/left", "HEAD"]);
+    let left = checkouts.join("left").display().to_string();
+    history.git(&["worktree", "add", "--quiet", "--detach", &left, "HEAD"]);
     holds(&command.ends(2).err, &["--resume"]);
     assert_eq!(command.arg("--resume").ends(0).json(), found);
     let worktrees = git(history.0.path("")).args(["worktree", "list"]).answer();
     assert_eq!(worktrees.lines().count(), 1, "{worktrees}");
     let other = command.args(["--batch", "8"]).ends(2);
     holds(&other.err, &["was begun with other settings: ", "`batch` was 4 and is now 8"]);
+}
+
+/// The good revision is a release of another branch: what it has in common with the bad one is good.
+#[test]
+fn a_good_revision_of_another_branch_begins_the_search_where_they_part() {
+    let history = Commits::with_commits(4, |place, number| {
+        let error = if number < 2 { "0.01" } else { "0.02" };
+        Script { error, ..Script::default() }.write(&place.path(""), "worker.sh");
+        place.write("cells.toml", CELLS);
+    });
+    history.git(&["checkout", "--quiet", "-b", "release", "HEAD~3"]);
+    history.git(&["commit", "--quiet", "--allow-empty", "--message=Release"]);
+    let words =
+        "bisect --good release --bad master --gates exact --cells-file cells.toml --out out";
+    let mut command = history.fathom(words);
+    let output = command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]).ends(0);
+    holds(&output.out, &["first revision: ", "Change 2 ", "3 revisions"]);
+    holds(&output.err, &[" is of another branch: the search begins where they part, at "]);
 }
 
 #[test]
@@ -115,7 +145,7 @@ fn a_cell_that_became_less_accurate_is_searched_by_bisection() {
         place.write("cells.toml", CELLS);
     });
     let words = "bisect --good HEAD~8 --gates exact --cells-file cells.toml --out out";
-    let mut command = history.0.fathom(words);
+    let mut command = history.fathom(words);
     command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]);
     let output = command.ends(0).out;
     holds(&output, &["first revision: ", "Change 5 ", "an_error", "8 revisions, 4 launches"]);
@@ -157,11 +187,11 @@ fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
         history
     };
     let compare = "compare --base HEAD~1 --head-bin ./head --cells-file cells.toml --gates time --launches 10 --pairs 2 --out out";
-    let output = build("").0.fathom(compare).ends(0);
+    let output = build("").fathom(compare).ends(0);
     holds(&output.out, &["the base build does not say of which commit it was built"]);
     let other = build(r#""build":{"commit":"0123","dirty":true},"#);
     let reason = "the base build: it was built of 0123 with changed files and not of ";
-    other.0.fathom(compare).ends(2).error(reason);
+    other.fathom(compare).ends(2).error(reason);
 }
 
 #[test]
@@ -173,11 +203,10 @@ fn what_keeps_git_from_a_revision_is_told_in_its_words() {
     for (folder, name, value, reason) in [
         ("", "GIT_TEST_ASSUME_DIFFERENT_OWNER", "1", "fatal: detected dubious ownership in"),
         ("", "PATH", "/nowhere", "git: it cannot be started: "),
-        ("", "GIT_DIR", "/nowhere", "fatal: not a git repository: '/nowhere'"),
         ("clone", "A", "", ": fatal: "),
     ] {
         for words in ["compare --base", "bisect --good", "history add a --branch b --commit"] {
-            let mut command = history.0.fathom(format!("{words} HEAD~1"));
+            let mut command = history.fathom(format!("{words} HEAD~1"));
             command.env("GIT_CONFIG_GLOBAL", "/dev/null").env(name, value);
             let output = command.current_dir(history.0.path(folder)).refused(reason);
             let is_shallow = folder == "clone" && !words.starts_with("history");
@@ -198,8 +227,8 @@ fn checkouts_have_their_submodules() {
     history.commit(1);
     history.commit(2);
     let words = "bisect --good HEAD~1 --gates exact --cells-file cells.toml --out out --build-cmd : --cmd ./module/worker.sh";
-    let mut command = history.0.fathom(words);
-    let allowed = [("COUNT", "1"), ("KEY_0", "protocol.file.allow"), ("VALUE_0", "always")];
-    command.envs(allowed.map(|(name, value)| (format!("GIT_CONFIG_{name}"), value)));
+    let mut command = history.fathom(words);
+    let allowed = history.0.write(".git/allowed", "[protocol \"file\"]\nallow = always\n");
+    command.env("GIT_CONFIG_GLOBAL", allowed);
     holds(&command.ends(1).out, &["nothing to find"]);
 }

@@ -224,6 +224,16 @@ fn the_second_measurement_decides_what_the_first_leaves_open() {
 }
 
 #[test]
+fn a_change_that_one_of_many_cells_shows_by_chance_is_called_so() {
+    let names: Vec<String> = (0..65).map(|number| format!("tank stage/{number}")).collect();
+    let cells: Vec<&str> = names.iter().map(String::as_str).collect();
+    let stored = Stored::new(&cells).gates(&[Gate::Time]);
+    let ratio = |name: &str| if name == cells[0] { 1.06 } else { 1.001 };
+    let stored = cells.iter().fold(stored, |all, name| all.times(name, false, ratio(name), 0.004));
+    replay(stored, 3, &["), not beyond chance among 65 cells", "1 inconclusive, 64 same"]);
+}
+
+#[test]
 fn a_gate_without_usable_figures_is_void() {
     let is_control = |line: &Compared| matches!(line, Compared::Pair(pair) if pair.control);
     let is_time = |line: &Compared| matches!(line, Compared::Pair(_) | Compared::Launch(_));

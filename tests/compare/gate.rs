@@ -15,7 +15,7 @@ use fathom::record::Record;
 use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings};
 use serde_json::{Map, json};
 
-use super::common::sets;
+use super::common::{Ends, sets};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -144,4 +144,22 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert_eq!(counted, Ok(Reply::Instructions { frames: 2 }));
     }
     worker.quit();
+}
+
+/// Two settings of one build are compared by its command.
+#[test]
+fn a_worker_sets_what_its_pipelines_have() {
+    let worker = format!("exec '{}' worker --set caustics.grid", env!("CARGO_BIN_EXE_fathom"));
+    let photons = |command: &str| {
+        let start = WorkerStart::from_command(command);
+        let (mut worker, _) = WorkerProcess::open(&start, &ReplyWait::SILENT).unwrap();
+        let mut ask = |request| worker.ask(&request, &ReplyWait::SILENT).unwrap();
+        ask(WorkerRequest::Prepare { configuration: plane() });
+        let Reply::Exact(exact) = ask(WorkerRequest::Exact { config: "plane".to_owned() }) else {
+            panic!("no exact figures")
+        };
+        exact.stages.iter().find(|stage| stage.name == "caustics/trace").unwrap().work.photons
+    };
+    assert_eq!([16, 32].map(|grid| photons(&format!("{worker}={grid}"))), [1024, 4096]);
+    super::common::fathom("worker --set caustics.gird=1").refused("did you mean `caustics.grid`");
 }

@@ -9,5 +9,6 @@ mod folders;
 mod formats;
 mod gate;
 mod own_worker;
+mod revisions;
 mod script;
 mod stored;

@@ -18,6 +18,22 @@ fn a_program_of_another_language_is_compared_by_its_times_alone() {
     holds(&compare.ends(1).out, &["regression", "2 slower", "+5.0 %", "knows no such gate"]);
 }
 
+#[test]
+fn a_command_whose_program_was_replaced_is_not_resumed() {
+    let place = Place::new();
+    let script = std::fs::read_to_string(example().join("worker.py")).unwrap();
+    place.write("worker.py", &script);
+    let mut compare = place.fathom("compare --gates time --launches 1 --pairs 1 --out out");
+    compare.arg("--cells-file").arg(example().join("cells.toml"));
+    let worker = "python3 worker.py --counted";
+    compare.args(["--base-cmd", worker, "--head-cmd", worker]).ends(3);
+    compare.arg("--resume");
+    place.write("worker.py", script.clone() + "# Another.\n");
+    compare.refused("`base.program` was ");
+    place.write("worker.py", script);
+    compare.ends(3);
+}
+
 /// A worker of another language that has one exact figure has no errors, counters, checks or instructions.
 #[test]
 fn what_a_program_lacks_is_told_and_fails_nothing() {

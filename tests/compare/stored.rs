@@ -34,7 +34,7 @@ pub fn build(label: &str) -> ComparedBuild {
         version: "0.1.0".to_owned(),
         protocol: Some(1),
         digest: format!("digest of {label}"),
-        environment: Default::default(),
+        ..Default::default()
     }
 }
 

@@ -55,13 +55,13 @@ impl Project {
         executable(&place, "bin/dpkg-query", "#!/bin/sh\necho 'install ok installed'\n");
         let program = env!("CARGO_BIN_EXE_fathom");
         let cargo = format!(
-            "#!/bin/sh\n[ \"$1 $2 $3\" = 'build --release --locked' ] && [ -e \"$5\" ] || exit 9\n\
-             mkdir -p \"$7/release\" && ln -sf '{program}' \"$7/release/fathom\"\n"
+            "#!/bin/sh\n[ \"$*\" = 'build --release --locked --target-dir target' ] && [ -e Cargo.toml ] || exit 9\n\
+             mkdir -p target/release && ln -sf '{program}' target/release/fathom\n"
         );
         executable(&place, "bin/cargo", &cargo);
         let project = Self(place);
         for folder in ["fathom", "project"] {
-            project.git(folder, "init --quiet");
+            project.git(folder, "init --quiet --initial-branch=main");
             project.commit(folder);
         }
         // The same once more: the base.
@@ -99,7 +99,8 @@ impl Project {
             command.env_remove(name);
         }
         let path = format!("{}:{}", self.path("bin"), std::env::var("PATH").unwrap());
-        command.env("PATH", path).env("CI", "true").current_dir(self.path("project"));
+        command.env("PATH", path).env("CI", "true").env("XDG_CACHE_HOME", self.path("cache"));
+        command.current_dir(self.path("project"));
         command
     }
 
@@ -109,6 +110,11 @@ impl Project {
 
     /// Runs the steps of `action.yml` as a workflow that hands in these settings; the job's status, what was printed, and the output.
     fn action(&self, with: &Value) -> (i32, String, String) {
+        self.action_in(with, &[])
+    }
+
+    /// The same with variables of the job.
+    fn action_in(&self, with: &Value, job: &[(&str, &str)]) -> (i32, String, String) {
         let action = yaml(&root().join("action.yml"));
         let mut known = expression_values(&action, with);
         let (mut failed, mut printed) = (0, String::new());
@@ -135,15 +141,14 @@ impl Project {
             let mut command = self.script(script);
             command.env("GITHUB_ACTION_PATH", self.path("fathom")).env("GITHUB_OUTPUT", output);
             command.env("GITHUB_STEP_SUMMARY", self.path("summary.md"));
-            command.env("RUNNER_TEMP", self.path(""));
+            command.env("RUNNER_TEMP", self.path("")).envs(job.iter().copied());
             let ended = command.envs(env.iter().map(|(name, text)| (name, value(text)))).output();
             let ended = ended.unwrap();
             printed += &String::from_utf8_lossy(&[ended.stdout, ended.stderr].concat());
             failed = if failed == 0 { ended.status.code().unwrap() } else { failed };
             let output = self.0.read("output");
-            if let (Some(id), Some((name, text))) =
-                (step["id"].as_str(), output.trim().split_once('='))
-            {
+            for (name, text) in output.lines().filter_map(|line| line.split_once('=')) {
+                let id = step["id"].as_str().unwrap();
                 known.insert(format!("steps.{id}.outputs.{name}"), text.to_owned());
             }
         }
@@ -152,10 +157,16 @@ impl Project {
 
     /// Runs a job of GitLab; its status and what was printed.
     fn job(&self, job: &Value, own: &[(&str, &str)]) -> (i32, String) {
-        let lines = job["script"].as_array().unwrap().iter().map(|line| line.as_str().unwrap());
-        let mut command = self.script(&lines.collect::<Vec<_>>().join("\n"));
-        command.env("GITLAB_CI", "true").env("CI_PROJECT_DIR", self.path("project"));
-        let ended = command.envs(own.iter().copied()).output().unwrap();
+        let run = |part: &str| {
+            let lines = job[part].as_array().unwrap().iter().map(|line| line.as_str().unwrap());
+            let mut command = self.script(&lines.collect::<Vec<_>>().join("\n"));
+            command.env("GITLAB_CI", "true").env("CI_PROJECT_DIR", self.path("project"));
+            command.envs(own.iter().copied()).output().unwrap()
+        };
+        let ended = run("script");
+        // What the next job finds again.
+        assert!(run("after_script").status.success());
+        assert!(self.0.path("project/.fathom-cache/source/Cargo.toml").exists());
         let printed = [ended.stdout, ended.stderr].concat();
         (ended.status.code().unwrap(), String::from_utf8_lossy(&printed).into_owned())
     }
@@ -173,6 +184,9 @@ fn expression_values(action: &Value, with: &Value) -> BTreeMap<String, String> {
     }
     let link = "https://example.invalid/a".to_owned();
     inputs.insert("steps.keep.outputs.artifact-url".to_owned(), link);
+    for name in ["steps.compare.outputs.results", "github.event.before"] {
+        inputs.insert(name.to_owned(), String::new());
+    }
     inputs
 }
 
@@ -200,8 +214,8 @@ fn the_action_tells_a_slower_head() {
     );
     holds(&project.0.read("summary.md"), &["fathom compare: no regression"]);
 
+    // What lies there is of the earlier use.
     project.slower(1.05);
-    fs::remove_dir_all(project.0.path("project/compare")).unwrap();
     let (status, printed, output) = project.action(&with());
     assert_eq!((status, output.as_str()), (1, "1"), "{printed}");
     let comment = project.0.read(COMMENT);
@@ -226,9 +240,16 @@ fn what_the_action_cannot_do_is_told_and_no_name_is_run() {
         let (status, ..) = project.action(&with);
         assert_eq!(status, 2, "{name}");
         assert!(!project.0.path("project/evil").exists(), "{name}");
-        let _ = fs::remove_dir_all(project.0.path("project/compare"));
     }
     let nothing = "### ⚠️ fathom compare: nothing was measured";
+    assert!(project.0.read(COMMENT).starts_with(nothing));
+    // Neither the results of an earlier use nor what a build writes is posted, and no status of a build is one of a comparison.
+    project.action(&self::with());
+    assert!(!project.0.read(COMMENT).starts_with(nothing));
+    let mut with = self::with();
+    with["build"] = json!("mkdir -p compare; echo not ours >compare/comment.md; exit 3");
+    let (status, printed, _) = project.action(&with);
+    assert_eq!(status, 2, "{printed}");
     assert!(project.0.read(COMMENT).starts_with(nothing));
 
     fs::remove_file(project.0.path(COMMENT)).unwrap();
@@ -237,7 +258,7 @@ fn what_the_action_cannot_do_is_told_and_no_name_is_run() {
     with["comment"] = json!("false");
     let (status, printed, output) = project.action(&with);
     assert_eq!((status, output.as_str()), (2, "2"));
-    holds(&printed, &["error: there is no revision HEAD~7", "fetch-depth: 0"]);
+    holds(&printed, &["error: there is no revision HEAD~7, ", "fetch-depth: 0"]);
     assert!(!project.0.path(COMMENT).exists());
 
     // What the revision itself holds is not posted.
@@ -246,6 +267,48 @@ fn what_the_action_cannot_do_is_told_and_no_name_is_run() {
     let (status, printed, _) = project.action(&self::with());
     assert_eq!(status, 2, "{printed}");
     assert!(project.0.read(COMMENT).starts_with(nothing));
+}
+
+/// A pull request is compared with the commit where it and its target part, however the job has checked it out.
+#[test]
+fn a_pull_request_is_compared_with_where_it_parts_from_its_target() {
+    let project = Project::new();
+    let branch = |name: &str, from: &str, times: &[f64]| {
+        project.git("project", &format!("checkout --quiet -b {name} {from}"));
+        times.iter().for_each(|times| project.slower(*times));
+        project.commit("project");
+    };
+    // The first commit of two is slower; the target has become faster meanwhile; a fork's target lags behind.
+    branch("slower", "main", &[1.3]);
+    branch("readme", "main", &[]);
+    branch("faster", "main", &[0.8]);
+    branch("late", "faster", &[]);
+    project.git("project", "branch --force main faster");
+    project.git("", "clone --quiet --mirror project upstream/repo.git");
+    project.git("", "clone --quiet --mirror project fork.git");
+    project.git("fork.git", "branch --force main readme~1");
+    let server = format!("file://{}", project.path("upstream"));
+    let job = [
+        ("GITHUB_BASE_REF", "main"),
+        ("GITHUB_SERVER_URL", &server),
+        ("GITHUB_REPOSITORY", "repo.git"),
+    ];
+    for (checkout, expected) in [
+        ("clone --quiet --branch slower upstream/repo.git project", "2 slower"),
+        ("clone --quiet --branch readme upstream/repo.git project", "2 same"),
+        ("clone --quiet --depth 1 --branch slower file://UPSTREAM/repo.git project", "2 slower"),
+        ("clone --quiet --branch late fork.git project", "2 same"),
+        (
+            "clone --quiet --branch slower upstream/repo.git project; -C project merge --quiet origin/main -X ours -m merged",
+            "2 slower",
+        ),
+    ] {
+        fs::remove_dir_all(project.0.path("project")).unwrap();
+        let checkout = checkout.replace("UPSTREAM", &project.path("upstream"));
+        checkout.split("; ").for_each(|words| project.git("", words));
+        let (_, printed, _) = project.action_in(&with(), &job);
+        holds(&printed, &[&format!("2 cells: {expected}")]);
+    }
 }
 
 #[test]
@@ -277,7 +340,6 @@ fn the_job_of_gitlab_does_the_same() {
     // The base of a merge request is the one that GitLab names.
     own.push(("CI_MERGE_REQUEST_EVENT_TYPE", "detached"));
     own.push(("CI_MERGE_REQUEST_DIFF_BASE_SHA", "HEAD"));
-    fs::remove_dir_all(project.0.path("project/compare")).unwrap();
     let (status, printed) = project.job(&job, &own);
     assert_eq!(status, 0, "{printed}");
     assert!(!project.0.read(format!("project/{junit}")).contains("<failure"));

@@ -1,9 +1,10 @@
-//! What needs more than lavapipe, git, python3 and valgrind: Chromium, Vulkan's validation layer, a compiler of C++, the tools of jobs.
+//! What needs more than lavapipe, git, python3 and valgrind: Chromium, Vulkan's validation layer, compilers of C and C++, the tools of jobs.
 //! `make test-all` installs these and runs it. Where one is missing, its test fails.
 #![cfg(target_os = "linux")]
 
 #[path = "../common/mod.rs"]
 mod common;
+mod faults;
 mod jobs;
 mod machine;
 mod page;

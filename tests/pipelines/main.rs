@@ -5,7 +5,6 @@ mod capacity;
 mod common;
 mod gpu;
 mod hsao;
-mod lost_device;
 mod promises;
 mod scenes;
 mod stage_lists;

@@ -98,6 +98,7 @@ fn measure(test: &SelftestCli, workshop: &Workshop, trial: &Trial) -> Result<()>
             catalog: fathom::Catalog::builtin(),
             programs: [program("base", &base), program(&trial.id, &head)],
             cells_file: None,
+            base_cells: None,
             filter: None,
             env_values: false,
             settings: GateSettings { gates, seed, ..GateSettings::default() },

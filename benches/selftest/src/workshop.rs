@@ -9,7 +9,7 @@ use fathom::compare::build::{self, Worktree};
 use fathom::compare::store::Comparison;
 use fathom::harness::catalog::CargoTarget;
 use fathom::record::comparison::Side;
-use fathom::{print, process};
+use fathom::{folder, print, process};
 
 use crate::INTERRUPT;
 use crate::slowed::{self, TRIED};
@@ -38,7 +38,7 @@ impl Workshop {
     pub fn open(folder: &Path) -> Result<Self> {
         let repository = build::repository(folder)?;
         let commit = build::commit(&repository, "HEAD")?;
-        let cache = repository.join(build::CACHE);
+        let cache = folder::user_cache().context("there is no home folder to build in")?;
         let own = |what: &str| cache.join(format!("self-test-{what}"));
         let add = |side: Side| Worktree::add(&repository, own(&side.to_string()), &commit);
         Ok(Self {
@@ -94,7 +94,7 @@ impl Workshop {
             &INTERRUPT,
             &mut |line| print::note(line),
         )?;
-        build::store_program(&built, &program)?;
+        build::store_program(&built.path, &program)?;
         Ok(program)
     }
 }

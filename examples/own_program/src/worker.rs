@@ -65,10 +65,7 @@ impl Worker {
             fathom_version: format!("own_program {}", env!("CARGO_PKG_VERSION")),
             adapter: self.gpu.adapter.clone(),
             parts: vec!["time".to_owned()],
-            cores: None,
-            randomized: None,
-            notes: Vec::new(),
-            build: None,
+            ..Greeting::default()
         }))
     }
 

@@ -21,6 +21,7 @@ fn the_program_is_compared_with_itself() {
         catalog: Catalog::builtin(),
         programs: [program.clone(), program],
         cells_file: Some(Path::new(env!("CARGO_MANIFEST_DIR")).join("cells.toml")),
+        base_cells: None,
         filter: None,
         env_values: false,
         settings: GateSettings { launches: 2, pairs: 2, ..GateSettings::default() },

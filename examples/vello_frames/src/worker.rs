@@ -24,10 +24,7 @@ impl Worker {
             fathom_version: format!("vello_frames {}", env!("CARGO_PKG_VERSION")),
             adapter: self.drawing.gpu.adapter.clone(),
             parts: vec!["time".to_owned()],
-            cores: None,
-            randomized: None,
-            notes: Vec::new(),
-            build: None,
+            ..Greeting::default()
         }))
     }
 

@@ -60,6 +60,15 @@ fn is_gone(number: &Path) -> bool {
     stat.is_ok_and(|stat| stat.contains(") Z ")) || !Path::new("/proc").join(number.trim()).exists()
 }
 
+/// In a hook of git.
+#[test]
+fn no_child_is_given_gits_variables() {
+    let mut env = Command::new("env");
+    env.envs(["GIT_DIR", "GIT_INDEX_FILE", "GIT_WORK_TREE"].map(|name| (name, "of the caller")));
+    let told = run_for_stdout(&mut env).unwrap();
+    assert!(!told.contains("of the caller"), "{told}");
+}
+
 /// A command that ends leaves a process behind that holds its output open.
 #[cfg(target_os = "linux")]
 #[test]

@@ -1,4 +1,8 @@
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
 use super::*;
+use fathom_record::Adapter;
 use fathom_record::comparison::{Launch, Pair};
 
 fn fault(launch: u32, cell: &CellId, control: bool) -> Compared {
@@ -70,5 +74,61 @@ fn launches_of_the_second_measurement_are_counted_apart() {
     for (of_second, complete) in [(false, 3), (true, 2)] {
         let before = timed_before(&comparison, of_second);
         assert_eq!((before.complete, before.last), (complete, Some(4)));
+    }
+}
+
+/// What a comparison is asked for, by a number for each program, setting and scene.
+fn asked(world: &[u32; 13]) -> Value {
+    let [a, b, c, d, e, f, g, h, i, j, k, l, _] = world.map(|number| number.to_string());
+    let side = |digest: &String, version: &String, commit: &String| ComparedBuild {
+        digest: digest.clone(),
+        version: version.clone(),
+        build: Some(Build::described(commit)),
+        ..ComparedBuild::default()
+    };
+    let program = |value: &String, adapter: &String| {
+        let mut start = WorkerStart::default();
+        start.environment.insert("A".to_owned(), value.clone());
+        start.gpu.adapter = Some(adapter.clone());
+        Program { label: String::new(), start }
+    };
+    let adapter = Adapter { driver_info: g, ..Adapter::default() };
+    let header = ComparisonHeader {
+        base: side(&a, &b, &c),
+        head: side(&d, &e, &f),
+        adapter,
+        ..ComparisonHeader::default()
+    };
+    let sweep = format!("[[sweep]]\nid = \"one\"\nparams.n = {h}\n");
+    let head = "id = \"own\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\nstages = [\"x\"]\n";
+    let options = CompareOptions {
+        catalog: Catalog::default(),
+        programs: [program(&i, &j), program(&k, &l)],
+        cells_file: None,
+        base_cells: None,
+        filter: None,
+        env_values: false,
+        settings: GateSettings { seed: u64::from(world[12]), ..GateSettings::default() },
+        resume: true,
+        checkout: None,
+    };
+    settings(&options, &Gates::parse("own", &format!("{head}{sweep}")).unwrap(), &header)
+}
+
+/// Comparisons are killed and resumed with what is there then: a folder never holds figures of two programs, settings or scenes.
+#[test]
+fn no_sequence_of_kills_and_resumes_mixes_what_is_compared() {
+    for sequence in 0..1000 {
+        let mut random = Pcg64::seed_from_u64(sequence);
+        let folder = tempfile::tempdir().unwrap();
+        let begun = [0; 13];
+        settings::store(folder.path(), &asked(&begun)).unwrap();
+        let mut now = begun;
+        for _ in 0..random.random_range(1..6) {
+            let place = random.random_range(0..now.len());
+            now[place] = random.random_range(0..2);
+            let resumed = settings::check(folder.path(), &asked(&now));
+            assert_eq!(resumed.is_ok(), now == begun, "{sequence}: {now:?}: {resumed:?}");
+        }
     }
 }

@@ -85,7 +85,6 @@ fn render(
 
 /// Two triangles of each cell, counter-clockwise.
 fn indices(gpu: &Gpu) -> wgpu::Buffer {
-    use wgpu::util::DeviceExt as _;
     let cells = (0..ROWS).flat_map(|row| (0..COLUMNS).map(move |column| (row, column)));
     let corners = cells.flat_map(|(row, column)| {
         let first = row * (COLUMNS + 1) + column;
@@ -93,11 +92,7 @@ fn indices(gpu: &Gpu) -> wgpu::Buffer {
         [first, first + 1, above, above, first + 1, above + 1]
     });
     let contents: Vec<u8> = corners.flat_map(u32::to_le_bytes).collect();
-    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some("ceiling"),
-        contents: &contents,
-        usage: wgpu::BufferUsages::INDEX,
-    })
+    gpu.filled("ceiling", &contents, wgpu::BufferUsages::INDEX)
 }
 
 fn target(gpu: &Gpu, format: wgpu::TextureFormat, [width, height]: [u32; 2]) -> wgpu::Texture {

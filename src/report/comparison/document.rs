@@ -62,9 +62,12 @@ pub fn markdown(verdicts: &Verdicts<'_>) -> String {
     document::markdown(&parts)
 }
 
-/// `✅ fathom compare: no regression`
+/// ✅ fathom compare: no regression `1a2b3c4d5e6f → 6f5e4d3c2b1a`
 pub fn title(verdicts: &Verdicts<'_>) -> Line {
-    format!("{} fathom compare: {}", rows::mark(verdicts.status), verdicts.status).into()
+    let (status, summary) = (verdicts.status, rows::summary(verdicts));
+    let title = Line::from(format!("{} fathom compare: {status}", rows::mark(status)));
+    // Names of cells come from workers.
+    if summary.is_empty() { title } else { title.and(" ").and(Span::Code(summary)) }
 }
 
 pub fn page(verdicts: &Verdicts<'_>) -> String {
@@ -77,7 +80,8 @@ pub fn page(verdicts: &Verdicts<'_>) -> String {
 pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
     let VerdictBlocks { conditions, verdict, details } = VerdictBlocks::new(verdicts);
     let parts = chain![conditions, verdict, details].collect_vec();
-    ComparisonOnPage { sides: rows::sides(verdicts)[0].clone(), parts }
+    let [sides, _] = rows::sides(verdicts);
+    ComparisonOnPage { sides, parts }
 }
 
 fn cells(verdicts: &Verdicts<'_>) -> Table {

@@ -51,7 +51,10 @@ pub fn export(verdicts: &Verdicts<'_>) -> String {
         };
         add(&mut whole, class, &difference.figure, status);
     }
-    let mut report = Report::new("fathom compare");
+    let summary = text::line(&rows::summary(verdicts));
+    let mut report = Report::new(
+        ["fathom compare", &summary].into_iter().filter(|part| !part.is_empty()).join(": "),
+    );
     report.add_test_suites([gates, cells, whole].into_iter().filter(|suite| suite.tests > 0));
     // Writing to memory does not fail.
     report.to_string().unwrap_or_default()

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use indexmap::IndexMap;
-use itertools::Itertools;
+use itertools::{Itertools, chain};
 
 use crate::format::{NS_PER_MS, count_noun, mebibytes, si, three};
 use fathom_judge::adapters::AdapterRelation;
@@ -41,6 +41,10 @@ pub fn cell(cell: &JudgedCell) -> [String; 7] {
 
 /// Of a comparison that was interrupted or killed.
 pub const INCOMPLETE: &str = "measuring did not finish; continue it with --resume";
+/// Digits of a commit.
+const SHORT_COMMIT: usize = 12;
+/// Cells that a line names.
+const MAX_NAMED: usize = 5;
 /// What stands where nothing was measured.
 pub const NONE: &str = "–";
 
@@ -65,8 +69,14 @@ pub fn change(time: &CellTime) -> String {
         }
         None => "too few launches for an interval".to_owned(),
     };
-    let unjudged = if time.verdict == TimeVerdict::NotJudged { ", different adapters" } else { "" };
-    format!("{} ({interval}){unjudged}", signed(time.change.median, 1))
+    let remark = match time.verdict {
+        TimeVerdict::NotJudged => ", different adapters".to_owned(),
+        TimeVerdict::Inconclusive if time.is_beyond_threshold => {
+            format!(", not beyond chance among {}", count_noun(time.adjusted_for, "cell"))
+        }
+        _ => String::new(),
+    };
+    format!("{} ({interval}){remark}", signed(time.change.median, 1))
 }
 
 /// In which launches clocks were held down, and whether that may be the reason for a change.
@@ -305,9 +315,48 @@ fn second(comparison: &Comparison) -> Option<String> {
     ))
 }
 
-/// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH`.
+/// `origin/main (0.1.0, 1a2b3c4d5e6f)`, `fathom (0.1.0, 1a2b3c4d5e6f with changed files) with LP_NATIVE_VECTOR_WIDTH`.
 pub fn build(build: &ComparedBuild) -> String {
-    format!("{} ({}){}", build.label, build.version, given(&build.environment))
+    let commit = commit(build).map_or(String::new(), |commit| format!(", {commit}"));
+    format!("{} ({}{commit}){}", build.label, build.version, given(&build.environment))
+}
+
+/// The commit that a program says it was built of.
+fn commit(build: &ComparedBuild) -> Option<String> {
+    let build = build.build.as_ref()?;
+    let short: String = build.commit.as_ref()?.chars().take(SHORT_COMMIT).collect();
+    Some(short + if build.dirty { " with changed files" } else { "" })
+}
+
+/// What the first line of each format says beside the verdict: the commits, how else the builds differ, and the cells of one side alone.
+pub fn summary(verdicts: &Verdicts<'_>) -> String {
+    let header = &verdicts.comparison.header;
+    let commits = [&header.base, &header.head].map(commit);
+    let is_known = commits.iter().any(Option::is_some);
+    let [base, head] =
+        commits.map(|commit| commit.unwrap_or_else(|| "an unknown commit".to_owned()));
+    let commits = is_known.then(|| format!("{base} → {head}"));
+    chain![commits, differences(verdicts)].join("; ")
+}
+
+/// `built differently: profile debug → release`, `removed: tank compose`, `new: …`.
+pub fn differences(verdicts: &Verdicts<'_>) -> Vec<String> {
+    let header = &verdicts.comparison.header;
+    let builds = header.base.build.as_ref().zip(header.head.build.as_ref());
+    let ways = builds.map_or_else(Vec::new, |(base, head)| base.differences(head));
+    let [removed, new] = verdicts
+        .cells_of_one_side()
+        .map(|cells| cells.iter().map(|cell| cell.to_string()).collect());
+    let parts = [("built differently", ways), ("removed", removed), ("new", new)];
+    let parts = parts.into_iter().filter(|(_, all)| !all.is_empty());
+    parts.map(|(what, all)| format!("{what}: {}", first_of(&all))).collect()
+}
+
+/// The first few, and how many there are more.
+fn first_of(all: &[String]) -> String {
+    let more = all.len().saturating_sub(MAX_NAMED);
+    let more = (more > 0).then(|| format!("and {more} more"));
+    chain![all.iter().take(MAX_NAMED).cloned(), more].join(", ")
 }
 
 fn given(environment: &SideEnvironment) -> String {
@@ -329,8 +378,9 @@ fn adapter(adapter: &Adapter) -> String {
 pub fn sides(verdicts: &Verdicts<'_>) -> [String; 2] {
     let header = &verdicts.comparison.header;
     let [of_base, of_head] = Side::BOTH.map(|side| adapter(header.adapter_of(side)));
+    let sides = format!("{} → {}", build(&header.base), build(&header.head));
     [
-        format!("{} → {}", build(&header.base), build(&header.head)),
+        chain![[sides], differences(verdicts)].join("; "),
         if of_base == of_head { of_head } else { format!("{of_base} → {of_head}") },
     ]
 }

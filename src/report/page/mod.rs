@@ -57,8 +57,6 @@ const SCRIPTS: [&str; 3] = [
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
-    /// What changed from the first of two runs to the second.
-    pub changes: Option<Vec<Block>>,
     /// What a history says, as it stands in its section.
     pub history: Option<Vec<Block>>,
     pub left_out: Vec<SkippedInput>,
@@ -125,14 +123,6 @@ const HISTORY: PageSection = PageSection {
     write: |page| page.history.as_deref().map(document::html),
 };
 
-const CHANGES: PageSection = PageSection {
-    id: "changes",
-    title: "What changed",
-    question: "What is different in the second run?",
-    fold: Fold::Open,
-    write: |page| page.changes.as_deref().map(document::html),
-};
-
 const COMPARED: PageSection = PageSection {
     id: "compared",
     title: "Comparison",
@@ -156,8 +146,7 @@ const SIZES: PageSection = PageSection {
 };
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 15] = [
-    CHANGES,
+const SECTIONS: [PageSection; 14] = [
     overview::SECTION,
     HISTORY,
     COMPARED,
@@ -199,7 +188,7 @@ impl<'a> Page<'a> {
         let stages = measured.flat_map(|(_, measured)| &measured.stages);
         let colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
         let left_out = runs.iter().flat_map(|run| run.view.left_out.clone()).collect();
-        Page { runs, comparisons: Vec::new(), changes: None, history: None, left_out, colors }
+        Page { runs, comparisons: Vec::new(), history: None, left_out, colors }
     }
 
     /// Several runs are compared: marks and rows name theirs.

@@ -6,7 +6,6 @@ use std::rc::Rc;
 
 use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
-use wgpu::util::DeviceExt;
 
 use super::{Bindings, Nearest, ShaderStruct, host_bytes};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
@@ -381,9 +380,7 @@ impl<'g> Resources<'g> {
             return self.buffer(label, bytes, usage);
         }
         self.note_buffer(label, bytes, usage);
-        let contents = &content();
-        let descriptor = wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage };
-        Buffer { raw: self.gpu.device.create_buffer_init(&descriptor), bytes, layout: None }
+        Buffer { raw: self.gpu.filled(label, &content(), usage), bytes, layout: None }
     }
 
     /// A storage buffer that shaders fill, the host can read back, and tests can fill.

@@ -68,17 +68,18 @@ pub fn with_limit(records: &str, rate: f64) -> String {
     lines([header]) + rest
 }
 
-/// A repository of empty commits, one a day.
+/// A repository of empty commits.
 pub struct Repository {
     pub folder: PathBuf,
     pub commits: Vec<String>,
 }
 
 impl Repository {
-    pub fn new(folder: PathBuf, days: usize) -> Repository {
+    /// A commit of each of these days on top of the one before.
+    pub fn new(folder: PathBuf, days: impl IntoIterator<Item = usize>) -> Repository {
         std::fs::create_dir_all(&folder).unwrap();
         git(&folder).args(["init", "--quiet", "--initial-branch", "main"]).ends(0);
-        let commits = (0..days).map(|day| {
+        let commits = days.into_iter().map(|day| {
             let date = format!("2026-{:02}-{:02}T12:00:00Z", 1 + day / 28, 1 + day % 28);
             let mut commit = git(&folder);
             commit.envs(["AUTHOR", "COMMITTER"].map(|who| (format!("GIT_{who}_DATE"), &date)));

@@ -6,7 +6,7 @@ mod made;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{Ends, Place, fathom, holds};
+use crate::common::{Ends, Place, fathom, git, holds};
 use made::{CELLS, FIGURES_OF_A_CELL, Repository, records, with_limit};
 use serde_json::Value;
 
@@ -42,13 +42,13 @@ fn changes(folder: &Path, db: &str) -> Value {
 #[test]
 fn runs_are_kept_once_in_the_order_of_their_commits() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let repository = Repository::new(place.path("repository"), 2);
+    let repository = Repository::new(place.path("repository"), [5, 3]);
     let here = &repository.folder;
     let history = |words: &str| history(here, db, words);
     let records = [records(1, CELLS, 5e6), records(2, CELLS, 5e6)];
     place.write("first/records.jsonl", &records[0]);
     place.write("second/records.jsonl", &records[1]);
-    // The later commit first: the order is that of the commits.
+    // The later commit first, which has the earlier date: the order is that of the commits.
     let output = history("add ../second --machine m").answer();
     let figures = CELLS * FIGURES_OF_A_CELL;
     let stored = format!("{CELLS} cells with {figures} figures stored");
@@ -59,6 +59,9 @@ fn runs_are_kept_once_in_the_order_of_their_commits() {
     let [first, second] =
         [&repository.commits[0], &repository.commits[1]].map(|c| listed.find(&c[..10]).unwrap());
     assert!(first < second && stored.len() == 2, "{listed}");
+    git(here).args(["clone", "--quiet", "--no-local", "--depth=1", ".", "shallow"]).ends(0);
+    let listed = self::history(&here.join("shallow"), "../../history.sqlite", "list").answer();
+    holds(&listed, &["Not in the order of commits: 1 runs stand by date"]);
     // Again, and as another commit's.
     holds(&history("add ../second").answer(), &["stored already, nothing changed"]);
     let output = history("add ../first").refused("is stored already, as one of commit");
@@ -70,7 +73,7 @@ fn runs_are_kept_once_in_the_order_of_their_commits() {
 #[test]
 fn machines_are_told_apart() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let repository = Repository::new(place.path("machines"), 3);
+    let repository = Repository::new(place.path("machines"), 0..3);
     let here = &repository.folder;
     let run = "machines/run/records.jsonl";
     let nights = [["n1", "n2"], ["n1", "n2"], ["n2", "n1"]];
@@ -94,7 +97,7 @@ fn machines_are_told_apart() {
 #[test]
 fn the_commits_of_a_change_are_named() {
     let (place, db) = (Place::new(), "../history.sqlite");
-    let Repository { folder: here, commits } = &Repository::new(place.path("days"), 40);
+    let Repository { folder: here, commits } = &Repository::new(place.path("days"), 0..40);
     for (day, commit) in commits.iter().enumerate() {
         let ns = if day >= 25 { 5.5e6 } else { 5e6 };
         place.write("days/run/records.jsonl", records(day, CELLS, ns));
@@ -124,6 +127,27 @@ fn the_commits_of_a_change_are_named() {
     let parts = ["id=\"history\"", "own n=0 caustics/trace", after, "class=\"chip bad\""];
     holds(&page, &parts);
     history(here, db, "show nowhere --out x").refused("nothing in this history fits `nowhere`");
+}
+
+#[test]
+fn the_records_say_of_which_commit_they_are() {
+    let (place, db) = (Place::new(), "../history.sqlite");
+    let Repository { folder: here, commits } = &Repository::new(place.path("here"), 0..2);
+    let history = |words: &str| history(here, db, words);
+    let of = |commit: &str| {
+        let build = format!(r#""build":{{"commit":"{commit}","dirty":true}},"started_at":"#);
+        records(1, CELLS, 5e6).replace("\"started_at\":", &build)
+    };
+    place.write("two/records.jsonl", of("c0ffee") + &of(&commits[0]));
+    place.write("other/records.jsonl", of("c0ffee"));
+    place.write("dirty/records.jsonl", of(&commits[0]));
+    history("add ../two").refused("was measured by several builds");
+    history("add ../other").refused("of which branch is this run?");
+    history("add ../dirty --commit HEAD").refused("leave out --commit");
+    let mut of_a_job = history("add ../dirty --commit HEAD~1");
+    let stored = of_a_job.env("GITHUB_SHA", &commits[1]).answer();
+    holds(&stored, &[&format!("{}-dirty on main", commits[0])]);
+    holds(&history("list").answer(), &[&format!(" {}-dirty ", &commits[0][..10])]);
 }
 
 const FIGURES: &str =
@@ -221,9 +245,20 @@ fn other_databases_are_left_as_they_are() {
         connection.execute_batch(statements).unwrap();
     };
     tables("other.sqlite", "CREATE TABLE notes (t TEXT)");
-    let newer =
-        "CREATE TABLE fathom_history (format BIGINT); INSERT INTO fathom_history VALUES (9)";
-    tables("newer.sqlite", newer);
+    let made = |format: i32, other: &str| {
+        let table = "CREATE TABLE fathom_history (format INTEGER NOT NULL)";
+        format!("{table}; INSERT INTO fathom_history VALUES ({format}); {other}")
+    };
+    tables("newer.sqlite", &made(9, ""));
+    // Reading these would not end, or would take gigabytes.
+    let endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x FROM n";
+    tables("view.sqlite", &made(2, &format!("CREATE VIEW Fathom_Run AS {endless}")));
+    tables("virtual.sqlite", &made(2, "CREATE VIRTUAL TABLE fathom_run USING fts4 (id)"));
+    let computed = "CREATE TABLE fathom_run (digest, id AS (hex(zeroblob(900000000))))";
+    tables("computed.sqlite", &made(2, computed));
+    let trigger = "CREATE TRIGGER t AFTER INSERT ON fathom_history BEGIN";
+    let trigger = format!("{trigger} DELETE FROM fathom_history WHERE format IN ({endless}); END");
+    tables("trigger.sqlite", &made(2, &trigger));
     place.write("text", "no database at all");
     let mut bytes = std::fs::read(place.path("other.sqlite")).unwrap();
     bytes[16..].fill(0xff);
@@ -231,6 +266,10 @@ fn other_databases_are_left_as_they_are() {
     for (db, reason) in [
         ("other.sqlite", "is the database of another program"),
         ("newer.sqlite", "has history format 9, but this build reads format 2"),
+        ("view.sqlite", "`Fathom_Run` in it was not made by this build"),
+        ("virtual.sqlite", "`fathom_run` in it was not made by this build"),
+        ("computed.sqlite", "`fathom_run` in it was not made by this build"),
+        ("trigger.sqlite", "`t` in it was not made by this build"),
         ("text", "file is not a database"),
         ("damaged.sqlite", "damaged.sqlite: "),
         (".", "is no regular file"),
