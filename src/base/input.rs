@@ -110,6 +110,11 @@ pub fn sha256(mut source: impl Read) -> io::Result<String> {
     }
 }
 
+/// The first digits of that: enough to tell two files from each other.
+pub fn digest(source: impl Read) -> io::Result<String> {
+    sha256(source).map(|sum| sum[..16].to_owned())
+}
+
 /// A file's text without the mark of byte order that some editors put before it, no more than `limit` bytes.
 pub fn text(path: &Path, limit: u64) -> io::Result<String> {
     let text = io::read_to_string(limited(open(path)?, limit)?)?;

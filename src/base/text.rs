@@ -81,15 +81,21 @@ pub fn markdown(text: &str) -> String {
     let text = line(text);
     let paired = text.matches('`').count().is_multiple_of(2);
     let mut escaped = String::with_capacity(text.len());
-    let mut before = ' ';
+    let (mut before, mut in_code) = (' ', false);
     let mut rest = text.chars().peekable();
     while let Some(c) = rest.next() {
         let after = rest.peek().copied().unwrap_or(' ');
         match c {
             '<' => escaped += "&lt;",
             '&' => escaped += "&amp;",
-            '\\' | '|' | '*' | '[' | ']' | '~' => escaped.extend(['\\', c]),
-            '`' if !paired => escaped.extend(['\\', c]),
+            '|' => escaped.extend(['\\', c]),
+            '`' if paired => {
+                in_code = !in_code;
+                escaped.push(c);
+            }
+            c if in_code => escaped.push(c),
+            '\\' | '*' | '[' | ']' | '~' => escaped.extend(['\\', c]),
+            '`' => escaped.extend(['\\', c]),
             // Within a word an underscore marks no emphasis (CommonMark 0.31 §6.2).
             '_' if !(before.is_alphanumeric() && after.is_alphanumeric()) => {
                 escaped.extend(['\\', c]);
@@ -311,6 +317,7 @@ mod tests {
         assert_eq!(markdown("_a_ *b*"), "\\_a\\_ \\*b\\*");
         assert_eq!(markdown("![x](http://y)\\"), "!\\[x\\](http://y)\\\\");
         assert_eq!(markdown("`a.b` and `c`"), "`a.b` and `c`");
+        assert_eq!(markdown("`[a_]` [b]"), "`[a_]` \\[b\\]");
         assert_eq!(markdown("a ` b"), "a \\` b");
     }
 

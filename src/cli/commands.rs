@@ -17,7 +17,6 @@ use crate::harness::render::RenderedFrame;
 use crate::harness::run::{self, RunOptions, Summary};
 use crate::harness::subject::Subjects;
 use crate::harness::{ceilings, dump as dumping, picture, sheet, verify as verifying};
-use crate::record::command::{CELL_OPTIONS, split_options};
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, FolderLock, OutcomeCounts, PassKind, Record, RecordFile, RunProgress};
 use crate::report::charts::png::Rasterizer;
@@ -102,20 +101,22 @@ pub fn measure(png: bool, options: &RunOptions, start: Instant) -> ExitResult {
     let view = Report::new(&reading.records, Some(&output.folder));
     let in_short = report::terminal_summary(&view);
     print_sizes(&view);
+    let name = output.folder.to_string_lossy();
+    let resuming = view.run().and_then(|run| record::command::resuming(run, &name));
     drop(view);
     let files = exporters::write(&output.folder, reading, png.as_ref())?;
     in_short.iter().for_each(print::status);
-    print_summary(&summary, options);
+    print_summary(&summary, &resuming.unwrap_or_default());
     print_pages(&files);
-    let OutcomeCounts { measured, failed, over_budget, .. } = summary.counts;
+    let OutcomeCounts { measured, skipped, failed, over_budget } = summary.counts;
     let nothing = measured + failed + summary.kept == 0;
     Ok(match &summary.skip_reason {
         _ if summary.end.interrupted => ExitCode::from(INTERRUPTED),
         _ if failed > 0 => ExitCode::from(SOMETHING_FAILED),
+        _ if nothing && over_budget > 0 => super::fail(&format!(
+            "no cell was measured ({skipped} skipped, {over_budget} not run): give a longer --budget"
+        )),
         Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
-        None if nothing && over_budget > 0 => {
-            super::fail("no cell was measured: give a longer --budget")
-        }
         _ => ExitCode::SUCCESS,
     })
 }
@@ -159,18 +160,6 @@ fn print_sizes(view: &Report<'_>) {
     }
 }
 
-/// The command that goes on with a run.
-fn resuming(options: &RunOptions, folder: &Path) -> String {
-    let Request { experiments, given, .. } = &options.request;
-    let made = given.iter().map(|_| folder.join(GIVEN).display().to_string());
-    let known: &[_] = if given.is_some() { &CELL_OPTIONS[2..] } else { &CELL_OPTIONS };
-    let (of_cells, _) = split_options(&options.command, known);
-    let words = ["fathom", "run"].map(str::to_owned).into_iter();
-    let words = words.chain(made).chain(experiments.iter().cloned()).chain(of_cells);
-    let folder = ["--out".to_owned(), folder.display().to_string(), "--resume".to_owned()];
-    words.chain(folder).map(|word| text::shell(&word)).join(" ")
-}
-
 /// The files that a person opens first.
 fn print_pages(files: &[PathBuf]) {
     let is_first = |path: &&PathBuf| {
@@ -191,7 +180,7 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
     .context("cannot watch for Ctrl-C")
 }
 
-fn print_summary(summary: &Summary, options: &RunOptions) {
+fn print_summary(summary: &Summary, resuming: &str) {
     let Summary {
         counts: OutcomeCounts { measured, skipped, failed, over_budget }, kept, end, ..
     } = summary;
@@ -199,9 +188,8 @@ fn print_summary(summary: &Summary, options: &RunOptions) {
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
     if *over_budget > 0 {
-        let command = resuming(options, &summary.out);
         print::status(format!(
-            "{over_budget} cells not run or not finished; `{command}` goes on with them"
+            "{over_budget} cells not run or not finished; `{resuming}` goes on with them"
         ));
     }
     let ratio = end.measuring_wall_s / end.measured_gpu_s;

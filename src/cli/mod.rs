@@ -280,7 +280,7 @@ pub struct MeasureArgs {
     #[arg(long, value_enum)]
     pub profile: Option<Profile>,
     /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are
-    /// listed, and `fathom run --resume` measures them [default: at most 4 minutes quick, 30 paper]
+    /// listed, with the command that measures them [default: at most 4 minutes quick, 30 paper]
     #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
     pub budget: Option<Duration>,
     /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]

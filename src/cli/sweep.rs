@@ -1,5 +1,6 @@
 //! `fathom sweep`: one command for one's own scene and sizes.
 
+use std::path::{PathBuf, absolute};
 use std::time::Instant;
 
 use clap::Args;
@@ -12,7 +13,6 @@ use crate::harness::catalog::Catalog;
 use crate::harness::plan::Request;
 use crate::harness::run::RunOptions;
 use crate::harness::sweep::{KNEE_SHARE, SweepRequest};
-use crate::private;
 
 #[derive(Args)]
 pub struct SweepArgs {
@@ -45,12 +45,19 @@ pub struct SweepArgs {
     pub measured: MeasureArgs,
 }
 
+/// A file's whole path, so that `sweep.toml` means the same wherever it is run.
+fn located(scene: &str) -> String {
+    let is_file = |path: &PathBuf| path.extension().is_some() && path.is_file();
+    let whole = absolute(scene).ok().filter(is_file);
+    whole.map_or_else(|| scene.to_owned(), |path| path.display().to_string())
+}
+
 pub fn sweep(catalog: &Catalog, args: SweepArgs) -> ExitResult {
     let start = Instant::now();
     let options = commands::begun(catalog, &args.measured)?;
     let request = SweepRequest {
         pipeline: args.pipeline,
-        scene: private::relative(&args.scene),
+        scene: located(&args.scene),
         axes: args.axis,
         sets: args.set,
         camera: args.camera,

@@ -146,6 +146,7 @@ pub fn cell(plan: &CellPlan, outcome: Outcome) -> Record {
         pipeline: plan.pipeline.clone(),
         scene: plan.scene.clone(),
         stand_ins: Vec::new(),
+        sources: Default::default(),
         params: tree(plan).into(),
         outcome,
     }))

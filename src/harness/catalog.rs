@@ -1,11 +1,15 @@
 //! What commands work on, by name: pipelines, shaders, scenes, experiments, checks and gate cells. A crate of one's own hands in
 //! a catalogue of its own.
 
+use std::fs::File;
+use std::io::{self, Read};
+
 use serde_json::Value;
 use thiserror::Error;
 
 use fathom_base::BUILT_WITH;
 use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
+use fathom_base::input;
 use fathom_base::parameter::{self, Allowed, ParamError, ParamField};
 use fathom_base::text::did_you_mean;
 use fathom_gpu::StageInfo;
@@ -85,6 +89,13 @@ impl Catalog {
     pub fn build(&self) -> Build {
         let with = BUILT_WITH.map(|(name, value)| (name.to_owned(), value.to_owned()));
         Build { with: with.into(), ..Build::described(self.revision) }
+    }
+
+    /// Digest of this program's file and of the shaders, which a development build reads from its checkout.
+    pub fn digest(&self) -> io::Result<String> {
+        let program = File::open(std::env::current_exe()?)?;
+        let shaders: String = self.shaders.texts(".wgsl").into_iter().map(|of| of.1).collect();
+        input::digest(program.chain(shaders.as_bytes()))
     }
 
     /// Names the revision, as `git describe --always --dirty=-dirty --abbrev=40 --exclude='*'` gives it.

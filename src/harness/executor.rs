@@ -347,10 +347,12 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let start = Instant::now();
         let known = self.progress.findings.get(&cell).cloned();
         let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, &built)));
+        let counted = self.count(cell, &built.pipeline);
         if let Some(reason) = self.session.gpu.loss_reason() {
             // What could not be found then is not missing for ever.
             return Err(sample::device_lost(&reason));
         }
+        counted.map_err(|error| error.to_string())?;
         if is_new {
             self.state(cell).costs.finish_s = Some(start.elapsed().as_secs_f64());
             self.progress.findings.insert(cell, found.clone());
@@ -361,6 +363,19 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let again = |limit| gpu::measure(gpu, *plan, limit);
         super::ceilings::add_shares(&mut measured, ceilings, again)?;
         Ok(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
+    }
+
+    /// Counts what its frame does, once. That may take longer than a frame, so of a new cell it comes after its samples.
+    fn count(&mut self, cell: usize, pipeline: &AnyPipeline) -> Result<(), GpuError> {
+        if self.cells[cell].plan.errors_only || self.progress.counters.contains_key(&cell) {
+            return Ok(());
+        }
+        let start = Instant::now();
+        let counted = gpu::count(&self.session.gpu, &pipeline.stages(), MAX_PASSES);
+        let counted = counted.map_err(GpuError::from)?.unwrap_or_default();
+        self.progress.counters.insert(cell, counted);
+        self.session.times.since(start, SetUp::Counting);
+        Ok(())
     }
 
     fn build_record(
@@ -427,14 +442,11 @@ impl Executor for CellExecutor<'_, '_> {
         if !plan.errors_only && !self.progress.findings.contains_key(&cell) {
             hosts.entry(plan.pipeline.clone()).or_insert(((self.number, cell), made));
         }
-        let start = times.since(begun, SetUp::Pipelines);
-        if !plan.errors_only && !self.progress.counters.contains_key(&cell) {
-            let counted = gpu::count(gpu, &pipeline.stages(), MAX_PASSES);
-            let counted = counted.map_err(GpuError::from)?.unwrap_or_default();
-            self.progress.counters.insert(cell, counted);
+        times.since(begun, SetUp::Pipelines);
+        if self.progress.findings.contains_key(&cell) {
+            self.count(cell, &pipeline)?;
         }
-        times.since(start, SetUp::Counting);
-        let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
+        let code = if self.session.gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
         self.built.insert(cell, BuiltCell { pipeline, frames: (0.0, 0), submits_ns: Vec::new() });
         self.state(cell).costs.prepare_s = Some(begun.elapsed().as_secs_f64());

@@ -21,6 +21,7 @@ use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
 use fathom_record::{Earlier, Outcome, Params, Part, Profile};
+use fathom_scene::Scene;
 
 /// Name of the file in a run's folder that holds the experiment that a command made.
 pub const GIVEN: &str = "sweep.toml";
@@ -119,7 +120,8 @@ pub struct PlannedCell {
 impl PlannedCell {
     pub fn record(&self, outcome: Outcome) -> record::Cell {
         let CellPlan { experiment, cell, axes, pipeline, scene, .. } = self.plan.clone();
-        let stand_ins = self.subject.scene.stand_ins.clone();
+        let Scene { stand_ins, digests, .. } = &*self.subject.scene;
+        let (stand_ins, sources) = (stand_ins.clone(), digests.clone());
         let params = self.subject.params.clone().into();
         let scene = private::path(Path::new(&scene));
         let outcome = match outcome {
@@ -127,7 +129,8 @@ impl PlannedCell {
             Outcome::Failed { reason } => Outcome::Failed { reason: private::redact(&reason) },
             other @ (Outcome::Measured(_) | Outcome::OverBudget) => other,
         };
-        record::Cell { experiment, cell, axes, pipeline, scene, stand_ins, params, outcome }
+        let cell = record::Cell { experiment, cell, axes, pipeline, ..record::Cell::default() };
+        record::Cell { scene, stand_ins, sources, params, outcome, ..cell }
     }
 }
 

@@ -2,7 +2,7 @@
 //! then a report by whoever wants it. All of it, set-up included, takes no more than the time budget.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -10,11 +10,12 @@ use anyhow::{Context, Result, bail, ensure};
 
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, CellProgress, RunTimes, Session};
-use super::plan::{self, PlannedCell, PlannedExperiment, Request};
+use super::plan::{self, GIVEN, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::reports::{MakeReport, Reports, RunOutput};
 use super::sample::{self, Goal, Settings};
 use super::schedule::{Batch, CellCosts, CellState, ClaimUnit, OpenClaim, Schedule};
+use super::sweep::SOURCE;
 use super::{ceilings, memory};
 use fathom_base::folder::Dir;
 use fathom_base::{print, private, quiet};
@@ -24,10 +25,11 @@ use fathom_gpu as gpu;
 use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
 use fathom_record as record;
 use fathom_record::calendar;
+use fathom_record::command::{resuming, run_options, split_options};
 use fathom_record::output::Recording;
 use fathom_record::{
-    Cell, Conditions, Definition, Earlier, End, FolderLock, Note, NoteKind, Outcome, OutcomeCounts,
-    Part, PassKind, Profile, Record, RecordError, Run, SCHEMA, SetUp, ShaderChecks,
+    Build, Cell, Conditions, Definition, Earlier, End, FolderLock, Note, NoteKind, Outcome,
+    OutcomeCounts, Part, PassKind, Profile, Record, RecordError, Run, SCHEMA, SetUp, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -37,6 +39,8 @@ const GPU_GROUP_BYTES: u64 = 2 << 30;
 
 /// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
 const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
+/// So much of a budget is not left without a word, seconds.
+const LEFT_S: f64 = 5.0;
 /// What a default budget has for set-up beside the time of its cells.
 const SET_UP_S: f64 = 30.0;
 
@@ -87,6 +91,7 @@ pub fn run(
     check(options)?;
     spread_references();
     let experiments = options.request.load(&options.catalog)?;
+    let asked = asked(&options.request, &experiments);
     let resumed = options.resume.then(|| Recording::resume(options.out.as_deref())).transpose()?;
     let mut spent = RunTimes::default();
     let now = spent.since(start, SetUp::Scenes);
@@ -95,7 +100,7 @@ pub fn run(
     let profile = profile(options, resumed.as_ref(), &gpu);
     let part = options.request.part;
     if let Some(held) = &resumed {
-        check_same_shard(held, part)?;
+        check_same_request(held, (&options.command, &asked), &experiments)?;
     }
     let in_time = || match options
         .budget_s
@@ -114,17 +119,18 @@ pub fn run(
         Some(held) => held,
         None => Recording::create(options.out.as_deref(), &gpu.adapter.title(), profile)?,
     };
-    if let Some(given) = &request.given {
+    for of in planned.iter().map(|of| &of.experiment).filter(|_| !options.resume) {
+        let Some(name) = own_file(of).filter(|name| asked.contains(name)) else { continue };
         let folder = Dir::make(&held.output.folder);
-        let written =
-            folder.and_then(|folder| folder.write_own(plan::GIVEN, given.text.as_bytes()));
-        written.with_context(|| format!("cannot write {}", plan::GIVEN))?;
+        let written = folder.and_then(|folder| folder.write_own(&name, of.text.as_bytes()));
+        written.with_context(|| format!("cannot write {name}"))?;
     }
     let now = spent.since(now, SetUp::Scenes);
     let audit = gpu::audit_all(&gpu)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
-    let mut header = Run { shard: part, ..header(options, &gpu, &audit, profile, seed) };
+    let mut header = header(options, &gpu, &audit, profile, seed);
+    (header.shard, header.experiments) = (part, Some(asked));
     header.loop_turns = in_time().is_ok().then(|| gpu::measure_loop_turns(&gpu)).transpose()?;
     let plan = clock_plan(&mut header, audit.plan, &held.before);
     let earlier = record::earlier(&held.before, &header);
@@ -253,20 +259,55 @@ fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], precision: f6
     Schedule { cells, units, first, sweeps, precision, ..Schedule::default() }
 }
 
-/// A resumed shard keeps its number.
-fn check_same_shard(held: &Recording, asked: Option<Part>) -> Result<()> {
-    let describe = |part: Option<Part>| {
-        part.map_or_else(|| "a whole run".to_owned(), |part| format!("shard {part}"))
+/// A resumed run has the experiments, settings and part that it was begun with: figures of several would stand beside each other.
+fn check_same_request(
+    held: &Recording,
+    (command, asked): (&[String], &Vec<String>),
+    experiments: &[Experiment],
+) -> Result<()> {
+    const SETTINGS: [(&str, bool); 2] = [("--set", true), ("--shard", true)];
+    let (records, folder) = (&held.before, held.output.folder.to_string_lossy());
+    let Some(run) = records.iter().rev().find_map(Record::try_as_run_ref) else { return Ok(()) };
+    let settings = |words: &[String]| split_options(&run_options(words), &SETTINGS).0;
+    let is_asked = run.experiments.as_ref().map_or(!asked.is_empty(), |before| before == asked);
+    let mut before = records.iter().filter_map(Record::try_as_experiment_ref);
+    // Where a path begins depends on where the command ran, and its last part does not.
+    let named = |of: &Experiment| {
+        let scene = Path::new(&of.scene).file_name().unwrap_or_default().display().to_string();
+        Experiment { scene, text: String::new(), ..of.clone() }
     };
-    let mut runs = held.before.iter().filter_map(Record::try_as_run_ref);
-    if let Some(run) = runs.find(|run| run.shard != asked) {
-        let (folder, holds) = (held.output.folder.display(), describe(run.shard));
-        bail!(
-            "{folder} holds {holds}, and not {}: resume it with the command that began it",
-            describe(asked)
-        );
+    let is_same = |old: &Definition| {
+        let parsed = Experiment::parse(&old.id, &old.toml).map(|old| named(&old)).ok();
+        experiments.iter().all(|of| of.id != old.id || parsed.as_ref() == Some(&named(of)))
+    };
+    if is_asked && settings(command) == settings(&run.command) && before.all(is_same) {
+        return Ok(());
     }
-    Ok(())
+    let command =
+        resuming(run, &folder).map(|command| format!("go on with it by `{command}`, or "));
+    bail!(
+        "{folder} holds cells of another experiment, --set or --shard: {}choose another folder with --out",
+        command.unwrap_or_default()
+    )
+}
+
+/// A file may name a scene by a path that is nobody's business.
+fn definition(experiment: &Experiment) -> Definition {
+    Definition { id: experiment.id.clone(), toml: private::redact(&experiment.text) }
+}
+
+/// The file in the run's folder of an experiment that is not built in.
+fn own_file(of: &Experiment) -> Option<String> {
+    let is_builtin = Experiment::builtin_text(&of.id).as_ref() == Some(&of.text);
+    let name = if of.source == SOURCE { GIVEN.to_owned() } else { format!("{}.toml", of.id) };
+    (!is_builtin).then_some(name)
+}
+
+/// See [`Run::experiments`].
+fn asked(request: &Request, experiments: &[Experiment]) -> Vec<String> {
+    let is_all = request.given.is_none() && request.experiments.is_empty();
+    let asked = experiments.iter().filter(|_| !is_all);
+    asked.map(|of| own_file(of).unwrap_or_else(|| of.id.clone())).collect()
 }
 
 /// A round that no sample of these records has.
@@ -318,7 +359,7 @@ fn header(options: &RunOptions, gpu: &Gpu, audit: &Audit, profile: Profile, seed
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
-        build: Some(options.catalog.build()),
+        build: Some(Build { program: options.catalog.digest().ok(), ..options.catalog.build() }),
         started_at: calendar::now(),
         profile,
         precision: Some(options.precision.unwrap_or(profile.precision())),
@@ -399,7 +440,15 @@ impl Measurement<'_> {
         let mut outcome = Outcome::OverBudget;
         while !self.interrupted.load(Ordering::Relaxed) {
             let deadline_s = self.output.deadline_s();
-            let Some(batch) = self.schedule.next(deadline_s - self.output.now_s()) else { break };
+            let left_s = deadline_s - self.output.now_s();
+            let Some(batch) = self.schedule.next(left_s) else {
+                if self.schedule.next(f64::INFINITY).is_some() && left_s > LEFT_S {
+                    print::note(format!(
+                        "{left_s:.0} s of the time budget are left: whatever could be sampled next is foreseen to take longer"
+                    ));
+                }
+                break;
+            };
             if self.report_if_due(&batch) {
                 continue;
             }
@@ -436,10 +485,7 @@ impl Measurement<'_> {
 
     /// Records an experiment's text, once. Merging needs those of all experiments, to tell which cells are missing.
     fn define(&mut self, planned: &PlannedExperiment) -> Result<(), RecordError> {
-        let Experiment { id, text, .. } = &planned.experiment;
-        // A file may name a scene by a path that is nobody's business.
-        let definition = Definition { id: id.clone(), toml: private::redact(text) };
-        let definition = Record::Experiment(definition);
+        let definition = Record::Experiment(definition(&planned.experiment));
         let is_needed = !planned.cells.is_empty() || self.output.header.shard.is_some();
         if is_needed && !self.output.folder.before.contains(&definition) {
             self.output.write(definition)?;
@@ -526,3 +572,6 @@ impl Measurement<'_> {
         Ok(Summary { out: output.folder, lock, counts, skip_reason, kept, end })
     }
 }
+
+#[cfg(test)]
+mod tests;

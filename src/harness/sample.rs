@@ -281,7 +281,7 @@ impl<X: Executor> Sampler<'_, X> {
     /// Whether a step of this length, and the rest of all prepared cells after it, fits before the deadline.
     fn fits(&self, step_s: f64) -> bool {
         let rest_s: f64 = self.live.keys().map(|cell| self.executor.forecast(*cell).finish_s).sum();
-        self.owes_one || self.executor.now_s() + step_s + rest_s <= self.settings.deadline_s
+        self.executor.now_s() + step_s + rest_s <= self.settings.deadline_s
     }
 
     /// Prepares the first of the waiting cells, as many as fit into memory together, at least one of those that there is time for; how many. Cells whose times
@@ -291,7 +291,9 @@ impl<X: Executor> Sampler<'_, X> {
         for (done, &cell) in waiting.iter().enumerate() {
             let full = used.saturating_add(largest) > self.settings.group_bytes;
             let foreseen = self.executor.forecast(cell);
-            if self.is_over() || (done > 0 && full) || !self.fits(foreseen.visit_s(1)) {
+            // Of what the first cell took it is known whether there is time for others.
+            let fits = self.owes_one && done == 0 || self.fits(foreseen.visit_s(1));
+            if self.is_over() || (done > 0 && full) || !fits {
                 prepared = done;
                 break;
             }
@@ -349,7 +351,7 @@ impl<X: Executor> Sampler<'_, X> {
             Some(if live.warm { pair_s } else { 2.0 * pair_s })
         });
         let foreseen_s = foreseen_s.sum();
-        self.late |= !self.fits(foreseen_s);
+        self.late |= !self.owes_one && !self.fits(foreseen_s);
         if self.has_to_end() {
             return Ok(());
         }

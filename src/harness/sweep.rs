@@ -12,6 +12,8 @@ use fathom_base::{parameter, text};
 use fathom_experiments::{Experiment, parse_set};
 use fathom_scene::Camera;
 
+/// The `source` of an experiment that a sweep made.
+pub const SOURCE: &str = "fathom sweep";
 /// Share of a frame from which a stage counts as costly, unless told otherwise.
 pub const KNEE_SHARE: f64 = 0.5;
 /// The view on a software driver, whose frames at the pipelines' own sizes take seconds.
@@ -125,7 +127,7 @@ impl SweepRequest {
         let experiment = json!({
             "id": format!("sweep-{}", self.pipeline.replace('_', "-")),
             "title": format!("{} over {over}", self.pipeline),
-            "source": "fathom sweep",
+            "source": SOURCE,
             "pipeline": self.pipeline,
             "scene": self.scene,
             "knee_share": self.knee_share,

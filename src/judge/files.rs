@@ -35,7 +35,7 @@ impl RunFile {
 
 struct LastRun<'a> {
     run: &'a Run,
-    /// By resume key: the same pipeline, scene and parameters.
+    /// By settings key: the same pipeline, scene and parameters.
     cells: BTreeMap<String, &'a Cell>,
     notes: Vec<String>,
 }
@@ -53,9 +53,11 @@ impl SameCells {
         let [base, head] = [sorted(base)?, sorted(head)?];
         let untimed = check_comparable(base.run, head.run).err();
         let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
-        let mut ids = BTreeMap::new();
+        let (mut ids, mut unknown) = (BTreeMap::new(), 0);
         for (key, cell) in &base.cells {
-            if let Some(of_head) = head.cells.get(key) {
+            let of_head = head.cells.get(key).copied();
+            if let Some(of_head) = of_head.filter(|h| cell.has_same_sources(h) != Some(false)) {
+                unknown += usize::from(cell.sources.is_empty() != of_head.sources.is_empty());
                 contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
             }
         }
@@ -66,6 +68,9 @@ impl SameCells {
         let header = &mut comparison.header;
         (header.adapter, header.settings.gates) = (head.run.adapter.clone(), vec![Gate::Exact]);
         header.notes = [base.notes, head.notes].concat();
+        header.notes.extend((unknown > 0).then(|| {
+            format!("one file does not tell what the scenes of {unknown} cells were made of: whether they are the same is not known")
+        }));
         let reason = untimed.as_deref().unwrap_or("two runs share no pairs").to_owned();
         let skip = Skip { gate: Gate::Time, reason };
         header.skipped.extend(gates.contains(&skip.gate).then_some(skip));
@@ -122,7 +127,7 @@ fn sorted(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
             Record::Cell(cell) => {
                 // What a kill left of a cell is no figure to compare.
                 if cell.measured().is_none_or(Measured::is_finished) {
-                    cells.insert(cell.resume_key(), cell.as_ref());
+                    cells.insert(cell.settings_key(), cell.as_ref());
                 }
             }
             Record::Experiment(_) | Record::Begun(_) | Record::End(_) | Record::Comparison(_) => {}

@@ -1,4 +1,11 @@
-//! Options of a command line.
+//! Options of a command line, and the command that goes on with a run.
+
+use std::path::{Path, absolute};
+
+use itertools::Itertools as _;
+
+use crate::Run;
+use fathom_base::{private, text};
 
 /// Options of `fathom run` that a cell depends on, and whether each takes a value.
 pub const CELL_OPTIONS: [(&str, bool); 6] = [
@@ -9,6 +16,51 @@ pub const CELL_OPTIONS: [(&str, bool); 6] = [
     ("--unchecked", false),
     ("--allow-large", false),
 ];
+
+/// What a resumed run is told again, beside [`CELL_OPTIONS`].
+const KEPT_OPTIONS: [(&str, bool); 5] = [
+    ("--cell", true),
+    ("--shard", true),
+    ("--profile", true),
+    ("--precision", true),
+    ("--no-ceilings", false),
+];
+/// Options that are to be given again with a run's experiments. What a sweep sets is in its experiment.
+pub fn run_options(command: &[String]) -> Vec<String> {
+    let mut words = command.iter().skip(1).filter(|word| !word.starts_with('-'));
+    let is_sweep = words.next().is_some_and(|word| word == "sweep");
+    let of_cells = &CELL_OPTIONS[if is_sweep { 2 } else { 0 }..];
+    split_options(command, &[of_cells, &KEPT_OPTIONS].concat()).0
+}
+
+/// Those of them that a cell depends on.
+pub fn cell_options(command: &[String]) -> Vec<String> {
+    split_options(&run_options(command), &CELL_OPTIONS).0
+}
+
+/// How commands in a run's reports name its folder: from the current one where it lies beneath that, else from itself.
+pub fn shown(folder: &Path) -> String {
+    let shown = private::path(folder);
+    let is_same = absolute(&shown).ok() == absolute(folder).ok();
+    if is_same { shown } else { ".".to_owned() }
+}
+
+/// The command that goes on with a run in the folder of this name; none for records of earlier versions.
+pub fn resuming(run: &Run, folder: &str) -> Option<String> {
+    let place = |name: &String| {
+        if name.ends_with(".toml") { format!("{folder}/{name}") } else { name.clone() }
+    };
+    let experiments = run.experiments.as_ref()?.iter().map(place);
+    let words = ["fathom", "run"].map(str::to_owned).into_iter().chain(experiments);
+    let folder = ["--out", folder, "--resume"].map(str::to_owned);
+    Some(
+        words
+            .chain(run_options(&run.command))
+            .chain(folder)
+            .map(|word| text::shell(&word))
+            .join(" "),
+    )
+}
 
 /// Divides the words of a command line: the given options with their values, and the rest.
 pub fn split_options(command: &[String], options: &[(&str, bool)]) -> (Vec<String>, Vec<String>) {

@@ -57,9 +57,33 @@ fn sort_keys(value: &mut Value) {
 }
 
 impl Cell {
-    /// Identity of a cell for `--resume`: one with another scene, stand-in or parameter is another cell.
+    /// Identity of a cell for `--resume`: one with another scene, stand-in, parameter, mesh or volume is another cell.
     pub fn resume_key(&self) -> String {
-        let Self { experiment, cell, pipeline, scene, stand_ins, params, .. } = self;
+        if self.sources.is_empty() {
+            return self.key(&self.scene);
+        }
+        self.settings_key() + &serde_json::json!(self.sources).to_string()
+    }
+
+    /// What a cell asks for, whatever the files that it names held.
+    pub fn settings_key(&self) -> String {
+        self.key(self.scene_name())
+    }
+
+    /// Of a scene's path the last part: the rest depends on where the command ran.
+    pub fn scene_name(&self) -> &str {
+        Path::new(&self.scene).file_name().and_then(|name| name.to_str()).unwrap_or(&self.scene)
+    }
+
+    /// None of the files of both differs; unknown where the records of one do not tell.
+    pub fn has_same_sources(&self, other: &Self) -> Option<bool> {
+        let is_same = |(name, digest)| other.sources.get(name).is_none_or(|other| other == digest);
+        let is_known = !self.sources.is_empty() && !other.sources.is_empty();
+        is_known.then(|| self.sources.iter().all(is_same))
+    }
+
+    fn key(&self, scene: &str) -> String {
+        let Self { experiment, cell, pipeline, stand_ins, params, .. } = self;
         let mut params = Value::Object(params.to_map());
         sort_keys(&mut params);
         serde_json::json!([experiment, cell, pipeline, scene, stand_ins, params]).to_string()

@@ -95,6 +95,10 @@ pub struct Run {
     pub precision: Option<f64>,
     /// Arguments of the program, its name first.
     pub command: Vec<String>,
+    /// Experiments that it was asked for, those that are not built in by their files in the run's folder; empty where it was all built-in
+    /// ones. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub experiments: Option<Vec<String>>,
     pub adapter: Adapter,
     pub shader_checks: ShaderChecks,
     /// Of the process that measured.
@@ -136,6 +140,9 @@ pub struct Build {
     pub commit: Option<String>,
     /// Its files differed from the commit.
     pub dirty: bool,
+    /// Digest of the program's file and of the shaders that it read. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<String>,
     /// How it was built: `profile`, `opt-level`, `target`, `flags` and `compiler`. Absent from programs of earlier versions.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub with: BTreeMap<String, String>,
@@ -147,7 +154,7 @@ impl Build {
         let commit = revision.strip_suffix("-dirty");
         let dirty = commit.is_some();
         let commit = Some(commit.unwrap_or(revision)).filter(|commit| !commit.is_empty());
-        Self { commit: commit.map(str::to_owned), dirty, with: BTreeMap::new() }
+        Self { commit: commit.map(str::to_owned), dirty, program: None, with: BTreeMap::new() }
     }
 
     /// What differs between how two were built, of what both say: `profile debug → release`.
@@ -314,6 +321,10 @@ pub struct Cell {
     pub scene: String,
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
+    /// What the scene was made of: the name of each mesh and volume that was read, and `scene_file` for what its file and the bases of that
+    /// say → first 16 digits of the SHA-256, hexadecimal, of the unpacked content. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub sources: BTreeMap<String, String>,
     /// Every parameter of the pipeline, resolved.
     pub params: Params,
     pub outcome: Outcome,

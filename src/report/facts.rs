@@ -12,6 +12,7 @@ use fathom_experiments as experiments;
 use fathom_experiments::defaults::{self, CellSettings, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use fathom_experiments::{ClaimOrigin, Measure, Scaling, Verdict, groups, scaling};
+use fathom_record::command;
 use fathom_record::{
     Cell, Estimate, Interval, Machine, Measured, Outcome, Part, Run, RunProgress, StageRecord,
 };
@@ -110,7 +111,8 @@ pub(super) fn representatives<'a>(sections: &[Section<'a>]) -> Vec<Representativ
 /// The same cell in another run; none where that did not time it.
 pub fn same_frame<'a>(view: &Report<'a>, frame: &Representative<'_>) -> Option<Representative<'a>> {
     let section = view.sections.iter().find(|section| section.id == frame.cell.experiment)?;
-    let (cell, measured) = section.timed().find(|(cell, _)| cell.cell == frame.cell.cell)?;
+    let mut named = section.timed().filter(|(cell, _)| cell.cell == frame.cell.cell);
+    let (cell, measured) = named.find(|of| of.0.has_same_sources(frame.cell) != Some(false))?;
     let Representative { settings, distance, .. } = *frame;
     Some(Representative { cell, measured, settings, distance })
 }
@@ -165,9 +167,17 @@ pub fn open_items(view: &Report<'_>) -> Vec<String> {
     let remaining =
         view.entries().filter(|entry| entry.cell.outcome == Outcome::OverBudget).count();
     if remaining > 0 {
+        let all = view.entries().count();
+        let shown = view.folder.as_deref().map_or_else(|| ".".to_owned(), command::shown);
+        let place = if shown == "." { " in this folder" } else { "" };
+        // Shards that were joined are not gone on with as one.
+        let is_one = view.runs.iter().map(|run| run.shard).all_equal();
+        let run = view.run().filter(|_| is_one);
+        let command = run.and_then(|run| command::resuming(run, &shown));
+        let command = command.map(|command| format!("; `{command}`{place} measures them"));
         open.push(format!(
-            "{remaining} of {} cells were not run, as the time budget ended; `fathom run --resume` measures them.",
-            view.entries().count()
+            "{remaining} of {all} cells were not run, as the time budget ended{}.",
+            command.unwrap_or_default()
         ));
     }
     let counts = tallies(view).flat_map(|(_, counts)| counts);
@@ -219,23 +229,37 @@ pub fn machine(machine: &Machine) -> String {
     parts.into_iter().flatten().join(", ")
 }
 
-/// In what the runs of the cells differ: their times do not go together.
-pub fn mixed(view: &Report<'_>) -> Option<String> {
-    let adapter = |run: &Run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info);
-    let profile = |run: &Run| run.profile.to_string();
-    let of: [fn(&Run) -> String; 3] = [adapter, program, profile];
-    let several =
-        ["adapters", "builds", "profiles"].into_iter().zip(of).filter_map(|(kind, of)| {
-            let runs = view.entries().filter_map(|entry| entry.run);
-            let values: IndexSet<String> = runs.map(of).collect();
-            let names =
-                Some(format!(" ({})", values.iter().join("; "))).filter(|_| values.len() < 4);
-            let count = values.len();
-            (count > 1).then(|| format!("{count} {kind}{}", names.unwrap_or_default()))
-        });
+/// In what the runs of the cells and the files of their scenes differ: their times do not go together.
+pub fn mixed(view: &Report<'_>) -> Vec<String> {
+    let build = |run: &Run| {
+        let file = run.build.as_ref().and_then(|build| build.program.as_ref());
+        file.into_iter().fold(program(run), |name, digest| format!("{name}, file {digest}"))
+    };
+    let facts = |run: &Run| {
+        let adapter = format!("{}, {}", run.adapter.title(), run.adapter.driver_info);
+        let (host, profile) = (run.conditions.host.clone(), run.profile.to_string());
+        [Some(adapter), host, Some(build(run)), Some(profile)]
+    };
+    let kinds = ["adapters", "machines", "builds", "profiles"].into_iter().enumerate();
+    let several = kinds.filter_map(|(place, kind)| {
+        let runs = view.entries().filter_map(|entry| entry.run);
+        let values: IndexSet<String> = runs.filter_map(|run| facts(run)[place].take()).collect();
+        let names = Some(format!(" ({})", values.iter().join("; "))).filter(|_| values.len() < 4);
+        let count = values.len();
+        (count > 1).then(|| format!("{count} {kind}{}", names.unwrap_or_default()))
+    });
     let several = several.collect::<Vec<_>>().join(", ");
-    let words = format!("The cells are of {several}. Times may differ for this alone.");
-    (!several.is_empty()).then_some(words)
+    let unknown = view.measured().filter(|(cell, _)| cell.sources.is_empty()).count();
+    let is_known = view.measured().any(|(cell, _)| !cell.sources.is_empty());
+    let outdated = view.outdated;
+    [
+        (!several.is_empty(), format!("The cells are of {several}. Times may differ for this alone.")),
+        (outdated > 0, format!("{outdated} cells are left out: their scene, mesh or volume was another than that of the latest.")),
+        (unknown > 0 && is_known, format!("Of {unknown} cells it is not recorded what scene, mesh and volume held.")),
+    ]
+    .into_iter()
+    .filter_map(|(is_so, words)| is_so.then_some(words))
+    .collect()
 }
 
 /// A fitted exponent b of `y ∝ x^b`.
@@ -348,19 +372,46 @@ mod tests {
     #[test]
     fn a_report_of_unlike_runs_says_in_what_they_differ() {
         type Change = fn(&mut Run);
-        let cases: [(Change, &str); 4] = [
+        let cases: [(Change, &str); 6] = [
             (|_| (), ""),
             (|run| run.adapter.name = "a".to_owned(), ", Mesa 22.3.6; a, Mesa 22.3.6). Times"),
             (|run| run.fathom_version = "9".to_owned(), "2 builds (fathom 0.1.0; fathom 9). Times"),
             (|run| run.profile = Profile::Paper, "of 2 profiles (quick; paper). Times may"),
+            (|run| run.conditions.host = Some("b".to_owned()), "of 2 machines (a; b). Times may"),
+            (
+                |run| run.build.get_or_insert_default().program = Some("7f".to_owned()),
+                "of 2 builds (fathom 0.1.0; fathom 0.1.0 built outside a repository, file 7f). Times",
+            ),
         ];
         for (change, expected) in cases {
             let (mut records, mut run) = (fixtures::run(), fixtures::header(Profile::Quick));
+            run.conditions.host = Some("a".to_owned());
+            records[0] = Record::Run(Box::new(run.clone()));
             change(&mut run);
             records.insert(records.len() / 2, Record::Run(Box::new(run)));
             let text = document::terminal(&overview::caveats(&Report::new(&records, None)));
             assert!(text.contains(expected), "{text}");
             assert_eq!(text.contains("Times may differ"), !expected.is_empty(), "{text}");
+        }
+    }
+
+    /// A sweep over a mesh that became another one after some sizes, and over one of which some records tell nothing.
+    #[test]
+    fn cells_of_two_meshes_stand_in_no_figure_together_and_unknown_ones_are_told() {
+        for (first, outdated, words) in [
+            (Some("a"), 2, "2 cells are left out: their scene, mesh or volume was another"),
+            (Some("b"), 0, ""),
+            (None, 0, "Of 2 cells it is not recorded what scene, mesh and volume held"),
+        ] {
+            let mut records = fixtures::run();
+            let cells = fixtures::cells(&mut records).filter(|cell| cell.measured().is_some());
+            for (number, cell) in cells.enumerate() {
+                let digest = if number < 2 { first } else { Some("b") };
+                cell.sources.extend(digest.map(|of| ("own.glb".to_owned(), of.to_owned())));
+            }
+            let view = Report::new(&records, None);
+            assert_eq!((view.outdated, mixed(&view).concat().contains(words)), (outdated, true));
+            assert_eq!(mixed(&view).is_empty(), words.is_empty());
         }
     }
 

@@ -38,6 +38,8 @@ pub struct Report<'a> {
     pub standing: Option<RunProgress>,
     /// What of the input it does not hold.
     pub left_out: Vec<SkippedInput>,
+    /// Cells that it does not show: a file of their scene was another than when the latest cells were measured.
+    pub outdated: usize,
     /// How noisy the run was; none where no cell was timed.
     pub verdict: Option<RunVerdict>,
 }
@@ -114,6 +116,14 @@ impl<'a> Report<'a> {
                 Record::Begun(_) | Record::Comparison(_) => {}
             }
         }
+        let cells = records.iter().filter_map(Record::try_as_cell_ref);
+        let measured = cells.filter(|cell| cell.measured().is_some());
+        let latest: HashMap<_, _> = measured.flat_map(|cell| sources(cell)).collect();
+        view.outdated = entries.len();
+        entries.retain(|_, RunCell { cell, .. }| {
+            cell.measured().is_none() || sources(cell).all(|(file, digest)| latest[&file] == digest)
+        });
+        view.outdated -= entries.len();
         for ((experiment, _), entry) in entries {
             sections[experiment].entries.push(entry);
         }
@@ -240,6 +250,12 @@ impl<'a> Section<'a> {
     pub fn title(&self) -> &str {
         self.experiment.as_ref().map_or(self.id, |experiment| experiment.title.as_str())
     }
+}
+
+/// Experiment, scene and name of each file of a cell, and the file's digest.
+fn sources(cell: &Cell) -> impl Iterator<Item = ([&str; 3], &str)> {
+    let files = cell.sources.iter();
+    files.map(|(name, digest)| ([&*cell.experiment, cell.scene_name(), &**name], &**digest))
 }
 
 /// Axis by axis: numbers by size, everything else by its text.

@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 
 use super::{
     Bounds, Camera, Light, Material, Object, Scene, SceneError, VolumeFile, Water, assets, check,
-    generators, mesh_file, mesh_file::MeshPart, toml_text,
+    generators, mesh_file, mesh_file::MeshPart, read, toml_text,
 };
 use fathom_base::embedded::{Folders, SCENES};
-use fathom_base::{choices, settings};
+use fathom_base::{choices, input, settings};
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.
@@ -39,6 +39,9 @@ pub struct SceneFile {
     /// Folder from which the objects' `file` paths start.
     #[serde(skip)]
     pub folder: PathBuf,
+    /// Of what the file and its bases say.
+    #[serde(skip)]
+    pub digest: String,
 }
 
 /// One object: made by a generator, or read from an asset or a mesh file.
@@ -151,7 +154,8 @@ impl SceneFile {
     }
 
     fn read(folders: &Folders, origin: String, text: &str) -> Result<SceneFile, SceneError> {
-        let mut file: SceneFile = toml_text::read(folders, &origin, text)?;
+        let (mut file, said): (SceneFile, _) = toml_text::read(folders, &origin, text)?;
+        file.digest = input::digest(said.as_bytes()).unwrap_or_default();
         file.folder = Path::new(&origin).parent().unwrap_or(Path::new("")).into();
         file.validate().map_err(|message| SceneError::Parse { origin, message })?;
         Ok(file)
@@ -170,6 +174,28 @@ impl SceneFile {
             }
             Scene::build(&coarse).map_or(1.0, |scene| scene.solid_bounds().tank_scale())
         })
+    }
+
+    /// Digests of the meshes and volumes by the names of their files or assets, and of itself as `scene_file`.
+    pub(super) fn digests(&self) -> Result<BTreeMap<String, String>, String> {
+        let mut digests = BTreeMap::from([("scene_file".to_owned(), self.digest.clone())]);
+        let objects = self.objects.iter().map(|object| (&object.file, &object.asset));
+        let volume = self.volume.iter().map(|volume| (&volume.file, &volume.asset));
+        for (path, asset) in objects.chain(volume) {
+            let (name, digest) = if let Some(path) = path {
+                let content = read::open(&self.folder.join(path)).and_then(input::digest);
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                let content = content.map_err(|e| format!("{}: {e}", path.display()))?;
+                (name.into_owned(), content)
+            } else if let Some(name) = asset {
+                (name.clone(), assets::named(name)?.sha256[..16].to_owned())
+            } else {
+                continue;
+            };
+            // Files of different folders may have one name.
+            digests.entry(name).and_modify(|known| *known += &digest).or_insert(digest);
+        }
+        Ok(digests)
     }
 
     /// Whether all values can be used; the error names the parameter and its valid range.

@@ -35,6 +35,7 @@ mod volume_file;
 mod water;
 mod waves;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use glam::DVec3;
@@ -178,6 +179,8 @@ pub struct Scene {
     pub volume: Option<Volume>,
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
+    /// See [`SceneFile::digests`].
+    pub digests: BTreeMap<String, String>,
 }
 
 impl Object {
@@ -225,6 +228,7 @@ impl Scene {
             floor_depth_m: file.floor_depth_m,
             volume,
             stand_ins,
+            digests: file.digests().map_err(invalid)?,
         })
     }
 

@@ -38,19 +38,20 @@ pub fn find(folders: &Folders, name_or_path: &str) -> Result<(String, String), S
     Ok((name_or_path.to_owned(), text))
 }
 
-/// Reads a scene file's text, with what it takes from its base.
+/// Reads a scene file's text, with what it takes from its base; and all that these say, without comments.
 pub fn read<T: DeserializeOwned>(
     folders: &Folders,
     origin: &str,
     text: &str,
-) -> Result<T, SceneError> {
+) -> Result<(T, String), SceneError> {
     let table = parse(origin, text)?;
     if !table.contains_key(BASE) && !table.contains_key(WITHOUT) {
-        return toml::from_str(text).map_err(|e| fault(origin, text, &e));
+        let read = toml::from_str(text).map_err(|e| fault(origin, text, &e))?;
+        return Ok((read, table.to_string()));
     }
-    let merged = with_base(folders, origin, table, MAX_BASES)?;
+    let merged = with_base(folders, origin, table, MAX_BASES)?.to_string();
     // As text again: reading a table as well as a text would compile every scene type twice.
-    toml::from_str(&merged.to_string()).map_err(|e| fault(origin, "", &e))
+    Ok((toml::from_str(&merged).map_err(|e| fault(origin, "", &e))?, merged))
 }
 
 fn parse(origin: &str, text: &str) -> Result<Table, SceneError> {
@@ -175,7 +176,7 @@ generator = "plane"
 "#;
 
     fn read_here(text: &str) -> Result<SceneFile, SceneError> {
-        read(&Folders::new(SCENES), "test.toml", text)
+        read(&Folders::new(SCENES), "test.toml", text).map(|(file, _)| file)
     }
 
     #[test]

@@ -111,7 +111,8 @@ fn shards_that_were_measured_make_a_run() {
     run("1/2", "--out shard-1").ends(0);
     run("2/2", "--out shard-2").ends(0);
     run("1/2", "--out shard-1 --resume").ends(0);
-    run("2/2", "--out shard-1 --resume").refused("holds shard 1/2, and not shard 2/2");
+    run("2/2", "--out shard-1 --resume")
+        .refused("holds cells of another experiment, --set or --shard");
     let page = place.read("shard-1/index.html");
     assert!(page.contains("part of a run") && page.contains("shard 2/2 is not there"));
     let folders = ["shard-1", "shard-2"].map(str::to_owned);

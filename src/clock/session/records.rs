@@ -34,6 +34,7 @@ impl FrameClock {
             pipeline: experiment.to_owned(),
             scene: "none".to_owned(),
             stand_ins: Vec::new(),
+            sources: Default::default(),
             params: Default::default(),
             outcome: self.outcome(&samples),
         });

@@ -298,7 +298,8 @@ fn nothing_is_begun_that_does_not_fit_before_the_deadline() {
 #[test]
 fn one_pair_of_one_cell_is_begun_whatever_is_foreseen_while_there_is_time() {
     let run = |deadline_s, at_least_one| {
-        let slow = || MockCell { finish_s: 9.0, ..STEADY };
+        // Both together are not prepared in the time.
+        let slow = || MockCell { prepare_s: 0.6, finish_s: 9.0, ..STEADY };
         Mock::new(vec![slow(), slow()]).run(&Settings { deadline_s, at_least_one, ..SETTINGS })
     };
     let mock = run(1.0, true);

@@ -51,7 +51,9 @@ impl<'a> CellMatches<'a> {
             Outcome::Measured(_) => String::new(),
         };
         match (base.measured(), head.measured()) {
-            _ if base.resume_key() != head.resume_key() => {
+            _ if base.settings_key() != head.settings_key()
+                || base.has_same_sources(head) == Some(false) =>
+            {
                 self.redefined.push((head, redefinition(base, head)));
             }
             (Some(_), Some(_)) => self.both.push([base, head]),
@@ -68,9 +70,15 @@ pub fn redefinition(base: &Cell, head: &Cell) -> String {
         let of_cell = [("pipeline", &cell.pipeline), ("scene", &cell.scene)];
         let of_cell = of_cell.map(|(name, value)| (name.to_owned(), value.clone()));
         let stand_ins = ("stand-ins".to_owned(), cell.stand_ins.join(", "));
+        let sources = base.has_same_sources(head).map(|_| cell.sources.clone());
         let params = flatten(&cell.params.to_map()).into_iter();
         let params = params.map(|(path, value)| (path, label_text(&value)));
-        of_cell.into_iter().chain([stand_ins]).chain(params).collect::<BTreeMap<_, _>>()
+        of_cell
+            .into_iter()
+            .chain([stand_ins])
+            .chain(sources.unwrap_or_default())
+            .chain(params)
+            .collect::<BTreeMap<_, _>>()
     });
     let differing = before.keys().chain(after.keys()).unique();
     let differing = differing.filter(|name| before.get(*name) != after.get(*name));

@@ -67,6 +67,22 @@ fn files_without_a_common_cell_are_told_with_their_counts_and_what_differs() {
 }
 
 #[test]
+fn cells_of_two_meshes_are_not_compared_and_an_unknown_one_is_told() {
+    let with = |digest: Option<&str>| {
+        let mut cell = cell("x=1", 1, measured(&["s"], 1.0));
+        let sources = digest.map(|of| ("own.glb".to_owned(), of.to_owned()));
+        cell.try_as_cell_mut().unwrap().sources.extend(sources);
+        [run("a"), cell]
+    };
+    let [a, b, unknown] = [Some("a"), Some("b"), None].map(with);
+    let message = compared(&a, &b).unwrap_err().to_string();
+    assert!(message.ends_with("they differ, such as e:x=1 in own.glb a → b"), "{message}");
+    let notes = |base, head| compared(base, head).unwrap().header.notes.len();
+    assert_eq!([notes(&a, &a), notes(&unknown, &unknown)], [0, 0]);
+    assert_eq!([notes(&a, &unknown), notes(&unknown, &a)], [1, 1]);
+}
+
+#[test]
 fn a_cell_or_stage_that_the_head_lacks_fails() {
     let whole = || measured(&["s", "t"], 1.0);
     let base = [run("a"), cell("x=1", 1, whole()), cell("x=2", 1, whole())];

@@ -10,9 +10,9 @@ use super::{Fold, Page, PageRun, PageSection};
 use crate::RunCell;
 use crate::cells_csv::percentile;
 use crate::format::{NS_PER_MS, percent, three};
-use fathom_base::{private, text};
+use fathom_base::text;
 use fathom_experiments::Experiment;
-use fathom_record::command::{CELL_OPTIONS, split_options};
+use fathom_record::command::{cell_options, shown};
 use fathom_record::{Cell, Estimate, Measured, OVER_BUDGET, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection {
@@ -106,7 +106,9 @@ fn row(page: &Page<'_>, row: &CellRow<'_>) -> Markup {
             }
             td.script-only {
                 @if at.is_some() { button.stages type="button" { "stages" } " " }
-                button.copy type="button" data-copy=(command(cell, entry.run, run.view.folder.as_deref())) { "copy" }
+                @if let Some(command) = command(cell, entry.run, run.view.folder.as_deref()) {
+                    button.copy type="button" data-copy=(command) { "copy" }
+                }
             }
         }
     }
@@ -173,24 +175,24 @@ fn slowest(measured: &Measured) -> Option<&StageRecord> {
 }
 
 /// The command that measures a cell again, with the options of its run that it depends on. An experiment that is not built in is named
-/// by its file: the one that the run was given, or the one that `fathom sweep` left in its folder.
-pub fn command(cell: &Cell, run: Option<&Run>, folder: Option<&Path>) -> String {
-    let own = || {
-        let given = run?.command.get(2..)?.iter().find(|word| word.ends_with(".toml"));
-        let is_sweep = run?.command[1] == "sweep";
-        let made = folder.filter(|_| is_sweep).map(|of| private::path(&of.join("sweep.toml")));
-        made.or_else(|| given.cloned())
-    };
-    let own = if Experiment::builtin_text(&cell.experiment).is_none() { own() } else { None };
-    let experiment = own.unwrap_or_else(|| cell.experiment.clone());
+/// by its file in the run's folder, without which there is none.
+pub fn command(cell: &Cell, run: Option<&Run>, folder: Option<&Path>) -> Option<String> {
+    let id = &cell.experiment;
+    let asked = run.and_then(|run| run.experiments.as_deref());
+    let is_known =
+        Experiment::builtin_text(id).is_some() || asked.is_some_and(|asked| asked.is_empty());
+    let file =
+        |name: &&String| **name == format!("{id}.toml") || !is_known && *name == "sweep.toml";
+    let own = asked.unwrap_or_default().iter().find(file);
+    let own = own.and_then(|name| Some(format!("{}/{name}", shown(folder?))));
+    let experiment = own.or_else(|| is_known.then(|| id.clone()))?;
     let mut words = vec!["fathom".to_owned(), "run".to_owned(), text::shell(&experiment)];
     words.extend(["--cell".to_owned(), text::shell(&cell.cell)]);
     if let Some(run) = run {
         words.extend(["--profile".to_owned(), run.profile.to_string()]);
-        let (options, _) = split_options(&run.command, &CELL_OPTIONS);
-        words.extend(options.iter().map(|word| text::shell(word)));
+        words.extend(cell_options(&run.command).iter().map(|word| text::shell(word)));
     }
-    words.join(" ")
+    Some(words.join(" "))
 }
 
 #[cfg(test)]
@@ -214,21 +216,19 @@ mod tests {
     fn an_experiment_that_is_not_built_in_is_named_by_its_file() {
         let mut records = fixtures::run();
         let mut cell = fixtures::cells(&mut records).next().unwrap().clone();
-        let again = |cell: &Cell, line: &str| {
-            let run =
-                Run { command: line.split(' ').map(str::to_owned).collect(), ..Run::default() };
-            command(cell, Some(&run), Some(Path::new("out")))
+        let again = |cell: &Cell, line: &str, file: &str| {
+            let command = line.split(' ').map(str::to_owned).collect();
+            let run = Run { command, experiments: Some(vec![file.to_owned()]), ..Run::default() };
+            super::command(cell, Some(&run), Some(Path::new("out")))
         };
         let builtin = format!("fathom run {} --cell", cell.experiment);
-        assert!(again(&cell, "fathom run a.toml").starts_with(&builtin));
+        assert!(again(&cell, "fathom run a.toml", "a.toml").unwrap().starts_with(&builtin));
         cell.experiment = "own".to_owned();
-        for (line, expected) in [
-            ("fathom run b.toml --out out", "fathom run b.toml --cell "),
-            ("fathom sweep hsao --scene a.toml", "fathom run out/sweep.toml --cell "),
-            ("fathom run", "fathom run own --cell "),
-        ] {
-            let line_again = again(&cell, line);
-            assert!(line_again.starts_with(expected), "{line}: {line_again}");
+        assert_eq!(again(&cell, "fathom run b.toml", "b.toml"), None);
+        for (line, file) in [("run b.toml", "own.toml"), ("sweep hsao --set a=1", "sweep.toml")] {
+            let command = again(&cell, &format!("fathom {line}"), file).unwrap();
+            assert!(command.starts_with(&format!("fathom run out/{file} --cell ")), "{command}");
+            assert!(!command.contains("--set"), "{command}");
         }
     }
 }

@@ -123,7 +123,7 @@ pub fn caveats(view: &Report<'_>) -> Vec<Block> {
         doubts.push(open("part of a run", &words));
     }
     doubts.extend(facts::open_items(view).into_iter().map(|words| open("open", &words)));
-    doubts.extend(facts::mixed(view).map(|words| open("several runs", &words)));
+    doubts.extend(facts::mixed(view).into_iter().map(|words| open("several runs", &words)));
     doubts
 }
 
