@@ -1,5 +1,6 @@
 //! A comparison from its options to its stored lines: which builds, which gates, in which order.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -17,6 +18,7 @@ use super::protocol::{GateConfiguration, Greeting, with_driver};
 use super::rounds::{self, EarlierLaunches};
 use super::settings;
 use super::survey::{self, SurveyedBuild};
+use fathom_harness::assets;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts;
@@ -29,6 +31,7 @@ use fathom_record::comparison::{
 };
 use fathom_record::output::{FolderKind, LockedFolder, OutputError, Recording};
 use fathom_record::{Build, RecordError};
+use fathom_scene::SceneFile;
 
 /// A build to compare.
 #[derive(Clone, Debug)]
@@ -95,7 +98,7 @@ pub fn measure(
     }
     let digests = digests(options, &builds)?;
     let header = header(options, &gates, &greetings, &digests, skipped);
-    let settings = settings(options, &gates, &header);
+    let settings = settings(options, &gates, &header, scenes(&options.catalog, &gates));
     let mut output = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
         resumed(&mut output, &settings, report)?
@@ -239,8 +242,23 @@ fn stale_head(options: &CompareOptions, head: &Greeting) -> Option<String> {
     })
 }
 
+/// What the cells' scenes are made of, those apart that only a worker of another program knows.
+fn scenes(catalog: &Catalog, gates: &Gates) -> Value {
+    let names = gates.configurations.iter().map(|configuration| &configuration.scene).unique();
+    let scene = |name| SceneFile::load_from(&catalog.scenes, name).ok()?.digests().ok();
+    let digests = names.filter_map(|name| Some((name, scene(name)?)));
+    let present = assets::look_up().into_iter().flatten().filter(|asset| asset.path.is_some());
+    let present = present.map(|asset| asset.asset.name).collect_vec();
+    json!({ "sources": digests.collect::<BTreeMap<_, _>>(), "assets": present })
+}
+
 /// All that defines what is measured. Of variables there are names and a digest, as their values may be secret.
-fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) -> Value {
+fn settings(
+    options: &CompareOptions,
+    gates: &Gates,
+    header: &ComparisonHeader,
+    scenes: Value,
+) -> Value {
     let side = |build: &ComparedBuild, program: &Program| {
         let environment = environment::recorded(&program.start.environment, false);
         json!({
@@ -257,6 +275,7 @@ fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) 
         "head": side(&header.head, head),
         "adapter": header.adapter,
         "base_adapter": header.base_adapter,
+        "scenes": scenes,
     });
     settings::collect(&options.settings, gates, sides)
 }

@@ -177,7 +177,7 @@ impl SceneFile {
     }
 
     /// Digests of the meshes and volumes by the names of their files or assets, and of itself as `scene_file`.
-    pub(super) fn digests(&self) -> Result<BTreeMap<String, String>, String> {
+    pub fn digests(&self) -> Result<BTreeMap<String, String>, String> {
         let mut digests = BTreeMap::from([("scene_file".to_owned(), self.digest.clone())]);
         let objects = self.objects.iter().map(|object| (&object.file, &object.asset));
         let volume = self.volume.iter().map(|volume| (&volume.file, &volume.asset));

@@ -12,7 +12,7 @@ mod verify;
 mod volume_ao;
 mod voxelize;
 
-use common::{gpu, this_program};
+use common::gpu;
 use fathom::gpu::{Gpu, Pixels};
 use fathom::parameter;
 use fathom::pipelines::{BuiltPipeline, Pipeline, PipelineKind};

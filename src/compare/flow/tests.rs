@@ -78,8 +78,8 @@ fn launches_of_the_second_measurement_are_counted_apart() {
 }
 
 /// What a comparison is asked for, by a number for each program, setting and scene.
-fn asked(world: &[u32; 13]) -> Value {
-    let [a, b, c, d, e, f, g, h, i, j, k, l, _] = world.map(|number| number.to_string());
+fn asked(world: &[u32; 14]) -> Value {
+    let [a, b, c, d, e, f, g, h, i, j, k, l, m, _] = world.map(|number| number.to_string());
     let side = |digest: &String, version: &String, commit: &String| ComparedBuild {
         digest: digest.clone(),
         version: version.clone(),
@@ -108,11 +108,12 @@ fn asked(world: &[u32; 13]) -> Value {
         base_cells: None,
         filter: None,
         env_values: false,
-        settings: GateSettings { seed: u64::from(world[12]), ..GateSettings::default() },
+        settings: GateSettings { seed: u64::from(world[13]), ..GateSettings::default() },
         resume: true,
         checkout: None,
     };
-    settings(&options, &Gates::parse("own", &format!("{head}{sweep}")).unwrap(), &header)
+    let gates = Gates::parse("own", &format!("{head}{sweep}")).unwrap();
+    settings(&options, &gates, &header, json!({ "mesh": m }))
 }
 
 /// Comparisons are killed and resumed with what is there then: a folder never holds figures of two programs, settings or scenes.
@@ -121,7 +122,7 @@ fn no_sequence_of_kills_and_resumes_mixes_what_is_compared() {
     for sequence in 0..1000 {
         let mut random = Pcg64::seed_from_u64(sequence);
         let folder = tempfile::tempdir().unwrap();
-        let begun = [0; 13];
+        let begun = [0; 14];
         settings::store(folder.path(), &asked(&begun)).unwrap();
         let mut now = begun;
         for _ in 0..random.random_range(1..6) {
