@@ -50,7 +50,7 @@ pub fn fault(error: impl Display) -> String {
     excerpt(found) + &line(expected)
 }
 
-/// A message on one line. Long words of it and what is long between backticks are not fathom's own: they are cut.
+/// A message on one line. Long words of it and what is long between backticks are not fathom's own, but for its commands: they are cut.
 pub fn message(text: &str) -> String {
     let words = |text: &str| text.split(' ').map(excerpt).join(" ");
     let text = line(text);
@@ -58,7 +58,8 @@ pub fn message(text: &str) -> String {
         return words(&text);
     }
     let parts = text.split('`').enumerate();
-    parts.map(|(n, part)| if n % 2 == 1 { excerpt(part) } else { words(part) }).join("`")
+    let is_foreign = |n, part: &str| n % 2 == 1 && !part.starts_with("fathom ");
+    parts.map(|(n, part)| if is_foreign(n, part) { excerpt(part) } else { words(part) }).join("`")
 }
 
 fn shown(c: char) -> char {

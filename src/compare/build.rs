@@ -101,7 +101,7 @@ impl RevisionBuilds {
             process::run_for_stdout(clean.current_dir(source)).context("`cargo clean` failed")?;
             program = compile()?;
         }
-        folder::write(&kept_sum, sum(&program)?.as_bytes())?;
+        folder::replace(&kept_sum, sum(&program)?.as_bytes())?;
         set_aside(&program.path)
     }
 }

@@ -22,7 +22,7 @@ const COMMANDS: &str = "\
     0 export bencher HERE/out -o HERE/bencher.json
     0 dump caustics/trace SMALL -o HERE/dump
     0 render tank SMALL -o HERE/tank.png
-    0 history add HERE/out --commit c0ffee --branch b --db HERE/h.sqlite
+    0 history add HERE/out --branch b --db HERE/h.sqlite
     0 history show --db HERE/h.sqlite --out HERE/history
     0 history changes --db HERE/h.sqlite --json
     3 compare --launches 2 --pairs 2 --base-env SECRET==MARK --base-cmd HERE/worker.sh --head-cmd HERE/worker.sh \
