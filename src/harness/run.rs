@@ -291,7 +291,7 @@ fn check_same_request(
     )
 }
 
-/// A file may name a scene by a path that is nobody's business.
+/// Without the folders of paths, which may be private.
 fn definition(experiment: &Experiment) -> Definition {
     Definition { id: experiment.id.clone(), toml: private::redact(&experiment.text) }
 }
