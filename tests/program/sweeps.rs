@@ -85,6 +85,7 @@ fn obey_printed(place: &Place, words: &str, out: &Path, here: &Path) {
 }
 
 #[test]
+#[cfg_attr(not(feature = "nightly"), ignore = "a dozen runs: make test-all runs it")]
 fn every_command_that_is_printed_of_a_run_measures_what_is_said() {
     let (place, elsewhere) = (Place::new(), Place::new());
     place.write("mine/own.toml", own_experiment(1));
