@@ -54,7 +54,7 @@ pub fn revision(
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<ProgramCopy> {
-    let builds = RevisionBuilds::of(folder, &user_cache()?.join("revisions"))?;
+    let builds = RevisionBuilds::open(folder, &user_cache()?.join("revisions"))?;
     builds.build(target, revision, interrupted, progress)
 }
 
@@ -68,7 +68,7 @@ struct RevisionBuilds {
 }
 
 impl RevisionBuilds {
-    fn of(folder: &Path, cache: &Path) -> Result<Self> {
+    fn open(folder: &Path, cache: &Path) -> Result<Self> {
         let repository = repository(folder)?;
         let kept = named_after(&common_folder(&repository)?, &outside(&repository, cache)?);
         let prefix = git(folder, &["rev-parse", "--show-prefix"]).map_err(Error::msg)?;
@@ -451,7 +451,7 @@ mod tests {
         }
 
         fn builds(&self) -> RevisionBuilds {
-            RevisionBuilds::of(&self.path, self.cache.path()).unwrap()
+            RevisionBuilds::open(&self.path, self.cache.path()).unwrap()
         }
 
         /// What the program of a revision prints, and cargo.
@@ -489,7 +489,7 @@ mod tests {
         let _lock = FolderLock::take(&kept).unwrap();
         let refused = repository.output("HEAD").unwrap_err().to_string();
         assert!(refused.contains("is in use by process "), "{refused}");
-        let inside = RevisionBuilds::of(&repository.path, &repository.path.join("cache"));
+        let inside = RevisionBuilds::open(&repository.path, &repository.path.join("cache"));
         let refused = inside.err().unwrap().to_string();
         assert!(refused.contains("lies in the repository"), "{refused}");
     }

@@ -205,6 +205,7 @@ fn header(
     let mut settings = options.settings.clone();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
+    let base_cells = base_cells(options, base, &settings.gates);
     ComparisonHeader {
         base: build(Side::Base),
         head: build(Side::Head),
@@ -212,18 +213,18 @@ fn header(
         base_adapter: (base.adapter != head.adapter).then(|| base.adapter.clone()),
         settings,
         cells: gates.cells(),
-        base_cells: base_cells(options, base),
+        base_cells,
         skipped,
         notes: notes.chain(unchecked).collect(),
         ..ComparisonHeader::default()
     }
 }
 
-/// The cells of the base's own list that are asked for.
-fn base_cells(options: &CompareOptions, base: &Greeting) -> Vec<CellId> {
+/// The cells of the base's own list that are asked for and that one of these gates measures.
+fn base_cells(options: &CompareOptions, base: &Greeting, gates: &[Gate]) -> Vec<CellId> {
     let greeted = options.cells_file.is_none().then_some(&base.cells);
     let mut cells = options.base_cells.as_ref().or(greeted).cloned().unwrap_or_default();
-    let (gates, software) = (&options.settings.gates, base.adapter.software);
+    let software = base.adapter.software;
     cells.retain(|cell| {
         let mut gates = gates.iter();
         options.filter.as_ref().is_none_or(|filter| cell.as_str().contains(filter))

@@ -100,10 +100,15 @@ fn the_first_line_names_commits_ways_to_build_and_cells_of_one_side() {
     let first = format!("HEAD (0) → ./head (0, abababababab with changed files); {names}");
     assert_eq!(output.out.lines().next(), Some(&*first));
 
+    // What no gate measures here is on neither list.
+    let encoded = |cells: &str| cells.replace("\"b\"]", "\"b\", \"encode:a\"]");
     let base = Script { hello: says(&"cd".repeat(20), "release"), ..Script::default() };
     base.write(&history.0.path(""), "base");
-    history.0.write("base.toml", CELLS.to_owned() + third);
-    history.fathom(format!("{words} other --base-bin ./base --base-cells-file base.toml")).ends(0);
+    history.0.write("base.toml", encoded(CELLS) + third);
+    history.0.write("cells.toml", encoded(&history.0.read("cells.toml")));
+    let words = words.replace("--gates time", "--gates instructions,time");
+    let base = "other --base-bin ./base --base-cells-file base.toml";
+    history.fathom(format!("{words} {base}")).ends(0);
     let names = format!(
         "cdcdcdcdcdcd with changed files → abababababab with changed files; built differently: profile release → debug; {names}"
     );
