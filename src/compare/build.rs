@@ -145,7 +145,7 @@ fn cargo() -> Command {
     let mut cargo = Command::new("cargo");
     for (name, _) in std::env::vars_os() {
         let is_cargos = |own: &&str| name.to_string_lossy().starts_with(own);
-        if CARGO_VARIABLES.iter().any(|own| is_cargos(own)) {
+        if CARGO_VARIABLES.iter().any(is_cargos) {
             cargo.env_remove(name);
         }
     }

@@ -29,7 +29,7 @@ fn every_check_is_sound() {
 #[cfg(feature = "nightly")]
 #[test]
 fn every_check_is_sound_on_swiftshader() {
-    let mut child = super::this_program("verify::child_checks");
+    let mut child = super::common::this_program("verify::child_checks");
     let drivers = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"];
     child.envs(drivers.map(|name| (name, "/usr/lib/chromium/vk_swiftshader_icd.json")));
     let output = child.env("WGPU_BACKEND", "vulkan").env_remove("WGPU_ADAPTER_NAME").output();
