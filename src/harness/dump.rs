@@ -68,7 +68,7 @@ fn write(
 }
 
 /// Shape and values of an output.
-fn read(gpu: &Gpu, output: &StageDump) -> Result<(Vec<usize>, Vec<f32>)> {
+pub fn read(gpu: &Gpu, output: &StageDump) -> Result<(Vec<usize>, Vec<f32>)> {
     Ok(match &output.data {
         OutputData::Buffer { buffer, stride_floats, count, row } => {
             let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, buffer)?);

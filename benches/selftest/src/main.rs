@@ -4,7 +4,10 @@
 //! trial is a comparison in a folder of its own, so a self-test that was cut short goes on where it ended, and its findings
 //! are a function of those folders.
 
+mod effect;
+mod faults;
 mod findings;
+mod mutants;
 mod patches;
 mod slowed;
 mod trials;
@@ -15,7 +18,7 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
-use clap::Parser;
+use clap::{Parser, Subcommand};
 use fathom::compare::flow::{self, CompareOptions, Program};
 use fathom::compare::launch::WorkerStart;
 use fathom::compare::store::Comparison;
@@ -25,6 +28,7 @@ use fathom::process::ProcessTree;
 use fathom::record::comparison::GateSettings;
 use itertools::Itertools;
 
+use crate::mutants::{MutantArgs, WorkerArgs};
 use crate::patches::Patch;
 use crate::trials::{Trial, trials, tried};
 use crate::workshop::Workshop;
@@ -35,6 +39,8 @@ static INTERRUPT: AtomicBool = AtomicBool::new(false);
 /// Try the gates of `fathom compare` on builds of HEAD whose differences are known; takes hours
 #[derive(Parser)]
 struct SelftestCli {
+    #[command(subcommand)]
+    command: Option<SelftestCommand>,
     /// Folder of the trials; those that it holds are not made again
     #[arg(long, value_name = "DIR", default_value = "reports/out/self-test")]
     out: PathBuf,
@@ -43,9 +49,22 @@ struct SelftestCli {
     trials: String,
 }
 
+#[derive(Subcommand)]
+enum SelftestCommand {
+    /// Put faults into shaders, one at a time, and see which of them `fathom verify` finds
+    Mutants(MutantArgs),
+    #[command(hide = true)]
+    Mutant(WorkerArgs),
+}
+
 fn main() -> Result<()> {
     let test = SelftestCli::parse();
     ctrlc::set_handler(|| INTERRUPT.store(true, Ordering::Relaxed))?;
+    match &test.command {
+        Some(SelftestCommand::Mutants(args)) => return mutants::run(args),
+        Some(SelftestCommand::Mutant(args)) => return mutants::work(args),
+        None => {}
+    }
     std::fs::create_dir_all(&test.out)?;
     let all = trials(&Patch::all()?);
     let asked = all.iter().filter(|trial| trial.id.contains(&test.trials));
