@@ -3,12 +3,11 @@
 use std::iter::successors;
 
 use crate::prelude::*;
+use fathom_reference::picture::PictureLight;
 use fathom_stages::lit_scene;
 
 /// Scene with columns, curved objects and walls.
 const SCENE: &str = "tank";
-/// Scene with geometry on both sides of the water.
-const SHORE: &str = "port";
 const SIZE: [u32; 2] = [160, 120];
 /// Vulkan lets a rasterizer move corners by 1/32 pixel. The view spans 1.3 of the distance over 120
 /// pixels, so that is 3e-4 of the distance beside the ray, and some ten times that along it where
@@ -26,8 +25,12 @@ const OVERLAP: f64 = 0.02;
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new("scene/gbuffer", "depth, normal and albedo", gbuffer),
-        Case::new("water/reflection", "coverage from the mirrored camera", reflection),
-        Case::new("water/refraction", "coverage beyond the water", refraction),
+        Case::new("water/reflection", "from the mirrored camera, pixel by pixel", |rig| {
+            lit_shore(rig, &lit_scene::REFLECTION, true)
+        }),
+        Case::new("water/refraction", "beyond the water, pixel by pixel", |rig| {
+            lit_shore(rig, &lit_scene::REFRACTION, false)
+        }),
     ]
 }
 
@@ -100,66 +103,67 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     ])
 }
 
-fn reflection(rig: &Rig<'_>) -> Result<Check> {
-    let shore = Shore::new(rig, &lit_scene::REFLECTION)?;
-    // The picture of the world mirrored about `level`, kept on the camera's own side.
-    let unlike = |level: f64| {
-        let mirror = |v: DVec3, level: f64| DVec3::new(v.x, 2.0 * level - v.y, v.z);
-        shore.unlike(
-            |(origin, direction)| (mirror(origin, level), mirror(direction, 0.0)),
-            |y| y >= -shore.overlap_m(),
-        )
-    };
-    Ok(Check::new(rig, "share of pixels unlike exact rays")
-        .within((0.01, "1"), unlike(0.0))
-        .control("mirror raised by 0.3 m", unlike(0.3))
-        .with("covered_share", shore.covered.mean()))
-}
-
-fn refraction(rig: &Rig<'_>) -> Result<Check> {
-    let shore = Shore::new(rig, &lit_scene::REFRACTION)?;
-    let unlike = |level: f64| shore.unlike(|ray| ray, |y| y <= level + shore.overlap_m());
-    Ok(Check::new(rig, "share of pixels unlike exact rays")
-        .within((0.01, "1"), unlike(0.0))
-        .control("water lowered by 1 m", unlike(-1.0))
-        .with("covered_share", shore.covered.mean()))
-}
-
-/// The shore seen from above the water.
-struct Shore {
-    fixture: Fixture,
-    /// 1 where the stage draws the scene.
-    covered: Image,
-}
-
-impl Shore {
-    fn new(rig: &Rig<'_>, info: &'static StageInfo) -> Result<Self> {
-        let mut scene = Scene::load(SHORE)?;
-        scene.camera.position_m[1] = scene.camera.position_m[1].abs().max(1.5);
-        scene.camera.target_m[1] = 0.0;
-        let fixture = rig.fixture(scene, SIZE)?;
+/// The shore lit without photons, from above the water and from below it: colour and coverage.
+fn lit_shore(rig: &Rig<'_>, info: &'static StageInfo, is_mirrored: bool) -> Checks {
+    let views = [(LightKind::Directional, 1.5, "above"), (LightKind::Point, -1.2, "below")];
+    let check = |(kind, height_m, side): (LightKind, f64, &str)| {
+        let fixture = rig.fixture(rig::shore(kind, height_m)?, SIZE)?;
         let stage = lit_scene::new(rig, info, &fixture.shared, &fixture.geometry, SIZE)?;
-        let covered = rig.draw(&[&stage], stage.texture(), 3)?;
-        Ok(Self { fixture, covered })
+        rig.run(&[&stage])?;
+        let shown = Texels::read(rig, stage.texture())?;
+        let Scene { camera, light, water, .. } = &fixture.scene;
+        let light = PictureLight::new(camera, light, water);
+        let shore = Shore { fixture: &fixture, light, is_mirrored };
+        let error = |overlap: f64| {
+            largest(pixels(SIZE).map(|at| {
+                let allowed = SHIFTS_PX.map(|shift_px| shore.seen(at, shift_px, overlap));
+                let greatest = allowed.into_iter().fold(DVec4::splat(1e-6), DVec4::max);
+                (excess(shown.get(at), &allowed) / greatest).max_element()
+            }))
+        };
+        let covered = share(pixels(SIZE).map(|at| shown.get(at).w > 0.5));
+        Ok(Check::new(rig, format!("from {side}: largest relative error of radiance and coverage"))
+            .within((rig::SHORT_STEP, "1"), error(OVERLAP))
+            .control("cut 10 % further past the water", error(1.1 * OVERLAP))
+            .with("covered_share", covered))
+    };
+    views.into_iter().map(check).collect()
+}
+
+/// What lines of sight meet at the shore.
+struct Shore<'a> {
+    fixture: &'a Fixture,
+    light: PictureLight,
+    /// The camera sees what is on its own side of the water, mirrored about y = 0, and not what is beyond.
+    is_mirrored: bool,
+}
+
+impl Shore<'_> {
+    /// Radiance and coverage beside a pixel's middle.
+    fn seen(&self, (x, y): (u32, u32), shift_px: DVec2, overlap: f64) -> DVec4 {
+        let px = DVec2::new(x.into(), y.into()) + 0.5 + shift_px;
+        let (origin, direction, length) = self.fixture.rays.ray_at(px.x, px.y);
+        let mirror = DVec3::new(1.0, if self.is_mirrored { -1.0 } else { 1.0 }, 1.0);
+        let tracer = &self.fixture.tracer;
+        let next = |from: f64| tracer.cast(origin * mirror, direction * mirror, from, length);
+        let mut hits = successors(next(0.0), |hit| next(hit.distance_m * (1.0 + 1e-12)));
+        let side = if self.is_mirrored == self.light.is_under_water() { -1.0 } else { 1.0 };
+        let reach_m = overlap * self.fixture.scene.water.half_size_m[0];
+        let hit = hits.find(|hit| side * hit.position.y >= -reach_m);
+        hit.map_or(DVec4::ZERO, |hit| self.radiance(&hit, mirror).extend(1.0))
     }
 
-    fn overlap_m(&self) -> f64 {
-        OVERLAP * self.fixture.scene.water.half_size_m[0]
-    }
-
-    /// Share of pixels whose coverage differs from that of exact rays, changed by a rule, which pass through geometry at heights that
-    /// are not `kept`.
-    fn unlike(
-        &self,
-        change: impl Fn((DVec3, DVec3)) -> (DVec3, DVec3),
-        kept: impl Fn(f64) -> bool,
-    ) -> f64 {
-        share(pixels(SIZE).map(|(x, y)| {
-            let (origin, direction, length) = self.fixture.rays.ray(x, y);
-            let (origin, direction) = change((origin, direction));
-            let next = |from: f64| self.fixture.tracer.cast(origin, direction, from, length);
-            let mut hits = successors(next(0.0), |hit| next(hit.distance_m * (1.0 + 1e-12)));
-            hits.any(|hit| kept(hit.position.y)) != (self.covered.get((x, y)) > 0.5)
-        }))
+    fn radiance(&self, hit: &Hit, mirror: DVec3) -> DVec3 {
+        let Self { light, fixture, .. } = self;
+        let (place, normal) = (hit.position, hit.shading_normal);
+        let albedo = DVec3::from(fixture.scene.objects[hit.object].material.albedo.map(f64::from));
+        let lit = albedo / PI * (light.ambient(place, normal) + light.direct(place, normal));
+        // Light that the water mirrors goes as far as from the mirrored place.
+        let wet_m = if self.is_mirrored && !light.is_under_water() {
+            0.0
+        } else {
+            light.wet_m(place * mirror)
+        };
+        light.fogged(lit, wet_m)
     }
 }

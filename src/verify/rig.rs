@@ -14,7 +14,7 @@ use fathom_reference::image::Image;
 use fathom_reference::optics::transmittance;
 use fathom_reference::photons::place_in_grid;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene};
+use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene, WaterModel, Wave};
 use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
@@ -263,6 +263,27 @@ pub fn flat_plane(kind: LightKind) -> Result<Scene> {
     scene.light.direction = [0.4, -1.0, 0.25];
     scene.light.position_m = [1.5, 6.0, -1.0];
     scene.light.half_extent_m = 3.0;
+    Ok(scene)
+}
+
+/// The port with waves across each other, seen from so far above the water or below it. A directional light shines into the camera, a point light
+/// stands near.
+pub fn shore(kind: LightKind, height_m: f64) -> Result<Scene> {
+    let mut scene = Scene::load("port")?;
+    scene.light.kind = kind;
+    scene.light.direction = [-0.1, -0.3, 0.95];
+    scene.light.position_m = [3.0, 2.5, -1.0];
+    // So near the surface that what is seen is on both sides of it.
+    scene.camera = Camera::new([2.0, height_m, 6.5], [1.0, 0.0, 0.0], 70.0, [0.3, 26.0]);
+    let wave = |direction, wavelength_m, phase_rad| Wave {
+        direction,
+        wavelength_m,
+        amplitude_m: 0.05,
+        phase_rad,
+    };
+    scene.water.model = WaterModel::Waves;
+    scene.water.waves = vec![wave([1.0, 0.3], 1.1, 0.4), wave([0.2, 1.0], 1.9, 2.0)];
+    scene.water.half_size_m = [6.0, 5.0];
     Ok(scene)
 }
 

@@ -1,0 +1,203 @@
+//! What pictures are made from, known exactly, and what each pixel of them may show.
+
+use std::f64::consts::SQRT_2;
+
+use crate::prelude::*;
+use fathom_reference::picture::PictureLight;
+use fathom_stages::kit;
+
+/// Half a step of 8 bits, and rounding before it.
+pub const DISPLAY_STEP: f64 = 0.51 / 255.0;
+/// Vulkan lets a rasterizer move corners by 1/32 pixel (`subPixelPrecisionBits` of 4): what is interpolated lies within these of the pixel's middle.
+pub const SHIFTS_PX: [DVec2; 5] = [
+    DVec2::ZERO,
+    DVec2::new(-0.032, -0.032),
+    DVec2::new(0.032, -0.032),
+    DVec2::new(-0.032, 0.032),
+    DVec2::new(0.032, 0.032),
+];
+
+/// What a texture holds.
+pub struct Texels {
+    pub texture: wgpu::Texture,
+    values: Vec<DVec4>,
+}
+
+impl Texels {
+    /// 16-bit floats, which can be filtered everywhere.
+    pub fn new(rig: &Rig<'_>, size: [u32; 2], texel: impl FnMut((u32, u32)) -> DVec4) -> Self {
+        let format = wgpu::TextureFormat::Rgba16Float;
+        let values: Vec<DVec4> =
+            pixels(size).map(texel).map(|v| DVec4::from(v.to_array().map(short))).collect();
+        let halves = |v: &DVec4| v.to_array().map(|value| short_bits(value as f32));
+        let words = |v: &DVec4| {
+            let [r, g, b, a] = halves(v);
+            [r | g << 16, b | a << 16].map(f32::from_bits)
+        };
+        let texels = || values.iter().flat_map(words).collect();
+        let texture = rig.fixed_texture("verify texels", size, format, texels);
+        Self { texture, values }
+    }
+
+    /// Each channel noise in 0…1.
+    pub fn noise(rig: &Rig<'_>, size: [u32; 2], seed: u32) -> Self {
+        let channels = [0, 1, 2, 3].map(|channel| noise(size, seed + 7919 * channel));
+        Self::new(rig, size, |at| DVec4::from([0, 1, 2, 3].map(|k: usize| channels[k].get(at))))
+    }
+
+    pub fn read(rig: &Rig<'_>, texture: &wgpu::Texture) -> Result<Self> {
+        let channels = [0, 1, 2, 3].map(|channel| rig.channel(texture, channel));
+        let [r, g, b, a] = channels;
+        let channels = [r?, g?, b?, a?];
+        let at = |at| DVec4::from([0, 1, 2, 3].map(|k: usize| channels[k].get(at)));
+        let values = pixels(channels[0].size()).map(at).collect();
+        Ok(Self { texture: texture.clone(), values })
+    }
+
+    /// Clamped at the border.
+    pub fn at(&self, texel: [i64; 2]) -> DVec4 {
+        let size = kit::size_px(&self.texture);
+        let [x, y] = [0, 1].map(|k| texel[k].clamp(0, i64::from(size[k]) - 1) as usize);
+        self.values[y * size[0] as usize + x]
+    }
+
+    pub fn get(&self, (x, y): (u32, u32)) -> DVec4 {
+        self.at([x.into(), y.into()])
+    }
+
+    /// Between texels, at a place of 0…1.
+    pub fn bilinear(&self, uv: DVec2) -> DVec4 {
+        let size = kit::size_px(&self.texture);
+        corners(uv, size).map(|(weight, texel)| weight * self.at(texel)).into_iter().sum()
+    }
+}
+
+/// The four texels around a place of 0…1, with their bilinear weights. They may lie beyond the border.
+pub fn corners(uv: DVec2, size: [u32; 2]) -> [(f64, [i64; 2]); 4] {
+    let place = uv * UVec2::from(size).as_dvec2() - 0.5;
+    [0, 1, 2, 3].map(|k: i32| {
+        let texel = place.floor() + DVec2::new(f64::from(k & 1), f64::from(k >> 1));
+        let near = 1.0 - (place - texel).abs();
+        (near.x * near.y, [texel.x as i64, texel.y as i64])
+    })
+}
+
+/// A number of magnitude 2⁻¹⁴ and more as a 16-bit float, cut off.
+fn short_bits(value: f32) -> u32 {
+    let bits = value.to_bits();
+    bits >> 16 & 0x8000 | ((bits & 0x7fff_ffff) >> 13).saturating_sub(112 << 10)
+}
+
+/// What a 16-bit float holds of a number.
+fn short(value: f64) -> f64 {
+    let cut = f32::from_bits((value as f32).to_bits() & !0x1fff);
+    if cut.abs() < 1e-4 { 0.0 } else { f64::from(cut) }
+}
+
+/// What a camera sees, each pixel of a colour and a normal of its own, so that no other pixel's can stand for them.
+pub struct NoisySurfaces<'a> {
+    pub fixture: &'a Fixture,
+    pub light: PictureLight,
+    pub gbuffer: GBuffer,
+    pub depth: Image,
+    pub albedo: Texels,
+    /// The specular coefficient in w.
+    pub normal: Texels,
+}
+
+/// What a pixel shows.
+#[derive(Clone, Copy)]
+pub struct SeenSurface {
+    pub position: DVec3,
+    pub normal: DVec3,
+    pub albedo: DVec3,
+}
+
+impl SeenSurface {
+    /// Radiance in such light: Lambert's law.
+    pub fn lit(&self, irradiance: DVec3) -> DVec3 {
+        self.albedo / PI * irradiance
+    }
+}
+
+impl<'a> NoisySurfaces<'a> {
+    pub fn new(rig: &Rig<'_>, fixture: &'a Fixture) -> Result<Self> {
+        Self::around(rig, fixture, |_| DVec3::ZERO)
+    }
+
+    /// With normals around those of each pixel, within 45 degrees of one that is not zero.
+    pub fn around(
+        rig: &Rig<'_>,
+        fixture: &'a Fixture,
+        normal: impl Fn((u32, u32)) -> DVec3,
+    ) -> Result<Self> {
+        let size = fixture.view.size_px.to_array();
+        let depth = rig.gbuffer(fixture)?.depth;
+        let albedo = Texels::noise(rig, size, 101);
+        let mut random = Random::new(13);
+        let normal = Texels::new(rig, size, |at| {
+            let noise = DVec3::from([(); 3].map(|()| random.within(-1.0, 1.0))).normalize();
+            (normal(at) * SQRT_2 + noise).normalize().extend(random.number())
+        });
+        let (albedo_texels, normal_texels) = (albedo.texture.clone(), normal.texture.clone());
+        let scene = &fixture.scene;
+        Ok(Self {
+            fixture,
+            light: PictureLight::new(&scene.camera, &scene.light, &scene.water),
+            depth: rig.channel(&depth, 0)?,
+            gbuffer: GBuffer { albedo: albedo_texels, normal: normal_texels, depth },
+            albedo,
+            normal,
+        })
+    }
+
+    pub fn seen(&self, (x, y): (u32, u32)) -> Option<SeenSurface> {
+        let at = DVec2::new(x.into(), y.into()) + 0.5;
+        (self.depth.get((x, y)) < 1.0).then(|| self.surface(at, [x.into(), y.into()]))
+    }
+
+    /// What a texel holds, where the line of sight through a place of the picture, in pixels, has its depth.
+    pub fn surface(&self, px: DVec2, texel: [i64; 2]) -> SeenSurface {
+        let depth = self.depth.clamped(texel[0], texel[1]);
+        SeenSurface {
+            position: self.fixture.rays.unproject(px.x, px.y, depth),
+            normal: self.normal.at(texel).truncate(),
+            albedo: self.albedo.at(texel).truncate(),
+        }
+    }
+
+    pub fn sight(&self, (x, y): (u32, u32)) -> DVec3 {
+        self.fixture.rays.ray(x, y).1
+    }
+
+    /// Sky and light of a surface without photons.
+    pub fn irradiance(&self, seen: &SeenSurface) -> f64 {
+        let SeenSurface { position, normal, .. } = *seen;
+        self.light.ambient(position, normal) + self.light.direct(position, normal)
+    }
+
+    /// Seen through the water before it.
+    pub fn through_water(&self, seen: &SeenSurface, radiance: DVec3) -> DVec3 {
+        self.light.fogged(radiance, self.light.wet_m(seen.position))
+    }
+}
+
+/// What a display shows of a radiance, opaque.
+pub fn displayed(radiance: DVec3, exposure: f64) -> DVec4 {
+    radiance.map(|value| tone_mapped(value, exposure)).extend(1.0)
+}
+
+/// How far each channel lies outside of what it may be.
+pub fn excess(shown: DVec4, allowed: &[DVec4]) -> DVec4 {
+    let bound = |bound: fn(DVec4, DVec4) -> DVec4| allowed.iter().copied().reduce(bound);
+    match (bound(DVec4::min), bound(DVec4::max)) {
+        (Some(low), Some(high)) => (low - shown).max(shown - high).max(DVec4::ZERO),
+        _ => DVec4::NAN,
+    }
+}
+
+/// The largest that a picture lies outside of what its pixels may show.
+pub fn largest_excess(shown: &Texels, allowed: impl Fn((u32, u32)) -> Vec<DVec4>) -> f64 {
+    let size = kit::size_px(&shown.texture);
+    largest(pixels(size).map(|at| excess(shown.get(at), &allowed(at)).max_element()))
+}
