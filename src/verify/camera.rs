@@ -9,6 +9,7 @@ use fathom_stages::lit_scene;
 /// Scene with columns, curved objects and walls.
 const SCENE: &str = "tank";
 const SIZE: [u32; 2] = [160, 120];
+const SHORE_SIZE: [u32; 2] = [96, 72];
 /// Vulkan lets a rasterizer move corners by 1/32 pixel. The view spans 1.3 of the distance over 120
 /// pixels, so that is 3e-4 of the distance beside the ray, and some ten times that along it where
 /// surfaces are seen at a slant.
@@ -21,6 +22,9 @@ const NORMAL_P90_DEG: f64 = 0.5;
 const SPECULAR_P97: f64 = 5e-4;
 /// Geometry this far past the resting water is still drawn by reflection and refraction, as a share of half the water's side.
 const OVERLAP: f64 = 0.02;
+
+/// Share of pixels at creases and slits, of which a rasterizer may draw what no ray near the pixel meets: 12 of 6,912 on SwiftShader.
+const EDGES: f64 = 3e-3;
 
 pub fn cases() -> Vec<Case> {
     vec![
@@ -107,24 +111,25 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
 fn lit_shore(rig: &Rig<'_>, info: &'static StageInfo, is_mirrored: bool) -> Checks {
     let views = [(LightKind::Directional, 1.5, "above"), (LightKind::Point, -1.2, "below")];
     let check = |(kind, height_m, side): (LightKind, f64, &str)| {
-        let fixture = rig.fixture(rig::shore(kind, height_m)?, SIZE)?;
-        let stage = lit_scene::new(rig, info, &fixture.shared, &fixture.geometry, SIZE)?;
+        let fixture = rig.fixture(rig::shore(kind, height_m)?, SHORE_SIZE)?;
+        let stage = lit_scene::new(rig, info, &fixture.shared, &fixture.geometry, SHORE_SIZE)?;
         rig.run(&[&stage])?;
         let shown = Texels::read(rig, stage.texture())?;
         let Scene { camera, light, water, .. } = &fixture.scene;
         let light = PictureLight::new(camera, light, water);
         let shore = Shore { fixture: &fixture, light, is_mirrored };
-        let error = |overlap: f64| {
-            largest(pixels(SIZE).map(|at| {
+        let unlike = |overlap: f64| {
+            share(pixels(SHORE_SIZE).map(|at| {
                 let allowed = SHIFTS_PX.map(|shift_px| shore.seen(at, shift_px, overlap));
-                let greatest = allowed.into_iter().fold(DVec4::splat(1e-6), DVec4::max);
-                (excess(shown.get(at), &allowed) / greatest).max_element()
+                let greatest = allowed.into_iter().fold(DVec4::ZERO, DVec4::max);
+                let outside = excess(shown.get(at), &allowed);
+                !outside.cmple(rig::SHORT_STEP * greatest).all()
             }))
         };
-        let covered = share(pixels(SIZE).map(|at| shown.get(at).w > 0.5));
-        Ok(Check::new(rig, format!("from {side}: largest relative error of radiance and coverage"))
-            .within((rig::SHORT_STEP, "1"), error(OVERLAP))
-            .control("cut 10 % further past the water", error(1.1 * OVERLAP))
+        let covered = share(pixels(SHORE_SIZE).map(|at| shown.get(at).w > 0.5));
+        Ok(Check::new(rig, format!("from {side}: share of pixels unlike exact rays around them"))
+            .within((EDGES, "1"), unlike(OVERLAP))
+            .control("cut half as far again past the water", unlike(1.5 * OVERLAP))
             .with("covered_share", covered))
     };
     views.into_iter().map(check).collect()
@@ -158,12 +163,12 @@ impl Shore<'_> {
         let (place, normal) = (hit.position, hit.shading_normal);
         let albedo = DVec3::from(fixture.scene.objects[hit.object].material.albedo.map(f64::from));
         let lit = albedo / PI * (light.ambient(place, normal) + light.direct(place, normal));
-        // Light that the water mirrors goes as far as from the mirrored place.
-        let wet_m = if self.is_mirrored && !light.is_under_water() {
-            0.0
-        } else {
-            light.wet_m(place * mirror)
+        let path_m = match (self.is_mirrored, light.is_under_water()) {
+            // All of the way to the mirror and from there is in water, or none of it.
+            (true, true) => light.camera_m.distance(place * mirror),
+            (true, false) => 0.0,
+            (false, _) => light.wet_m(place),
         };
-        light.fogged(lit, wet_m)
+        light.fogged(lit, path_m)
     }
 }

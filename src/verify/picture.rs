@@ -8,14 +8,16 @@ use fathom_stages::kit;
 
 /// Half a step of 8 bits, and rounding before it.
 pub const DISPLAY_STEP: f64 = 0.51 / 255.0;
-/// Vulkan lets a rasterizer move corners by 1/32 pixel (`subPixelPrecisionBits` of 4): what is interpolated lies within these of the pixel's middle.
+/// Vulkan lets a rasterizer move corners by 1/32 pixel (`subPixelPrecisionBits` of 4): what is interpolated lies among what is seen at these places
+/// around a pixel's middle.
 pub const SHIFTS_PX: [DVec2; 5] = [
     DVec2::ZERO,
-    DVec2::new(-0.032, -0.032),
-    DVec2::new(0.032, -0.032),
-    DVec2::new(-0.032, 0.032),
-    DVec2::new(0.032, 0.032),
+    DVec2::new(-NEAR_PX, -NEAR_PX),
+    DVec2::new(NEAR_PX, -NEAR_PX),
+    DVec2::new(-NEAR_PX, NEAR_PX),
+    DVec2::new(NEAR_PX, NEAR_PX),
 ];
+const NEAR_PX: f64 = 1.0 / 32.0;
 
 /// What a texture holds.
 pub struct Texels {
@@ -187,7 +189,7 @@ pub fn displayed(radiance: DVec3, exposure: f64) -> DVec4 {
     radiance.map(|value| tone_mapped(value, exposure)).extend(1.0)
 }
 
-/// How far each channel lies outside of what it may be.
+/// How far each channel lies outside of what it may be; not a number where nothing is known.
 pub fn excess(shown: DVec4, allowed: &[DVec4]) -> DVec4 {
     let bound = |bound: fn(DVec4, DVec4) -> DVec4| allowed.iter().copied().reduce(bound);
     match (bound(DVec4::min), bound(DVec4::max)) {

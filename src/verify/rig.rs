@@ -270,6 +270,10 @@ pub fn flat_plane(kind: LightKind) -> Result<Scene> {
 /// stands near.
 pub fn shore(kind: LightKind, height_m: f64) -> Result<Scene> {
     let mut scene = Scene::load("port")?;
+    // Without what is as small as a pixel.
+    let is_large =
+        |name: &str| ["stone", "bollard", "rope"].iter().all(|part| !name.contains(part));
+    scene.objects.retain(|object| is_large(&object.name));
     scene.light.kind = kind;
     scene.light.direction = [-0.1, -0.3, 0.95];
     scene.light.position_m = [3.0, 2.5, -1.0];
