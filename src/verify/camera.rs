@@ -23,9 +23,6 @@ const SPECULAR_P97: f64 = 5e-4;
 /// Geometry this far past the resting water is still drawn by reflection and refraction, as a share of half the water's side.
 const OVERLAP: f64 = 0.02;
 
-/// Share of pixels at creases and slits, of which a rasterizer may draw what no ray near the pixel meets: 12 of 6,912 on SwiftShader.
-const EDGES: f64 = 3e-3;
-
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new("scene/gbuffer", "depth, normal and albedo", gbuffer),

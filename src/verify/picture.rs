@@ -17,7 +17,10 @@ pub const SHIFTS_PX: [DVec2; 5] = [
     DVec2::new(-NEAR_PX, NEAR_PX),
     DVec2::new(NEAR_PX, NEAR_PX),
 ];
-const NEAR_PX: f64 = 1.0 / 32.0;
+pub const NEAR_PX: f64 = 1.0 / 32.0;
+
+/// Share of pixels at creases and slits, where a rasterizer may draw what no ray near the pixel meets: 12 of 6,912 on SwiftShader.
+pub const EDGES: f64 = 3e-3;
 
 /// What a texture holds.
 pub struct Texels {

@@ -278,7 +278,7 @@ pub fn shore(kind: LightKind, height_m: f64) -> Result<Scene> {
     scene.light.direction = [-0.1, -0.3, 0.95];
     scene.light.position_m = [3.0, 2.5, -1.0];
     // So near the surface that what is seen is on both sides of it.
-    scene.camera = Camera::new([2.0, height_m, 6.5], [1.0, 0.0, 0.0], 70.0, [0.3, 26.0]);
+    scene.camera = Camera::new([2.0, height_m, 3.5], [1.0, 0.0, -3.0], 70.0, [0.3, 26.0]);
     let wave = |direction, wavelength_m, phase_rad| Wave {
         direction,
         wavelength_m,
@@ -308,6 +308,11 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
 /// Rays through the pixels of a view.
 pub fn rays(view: &View) -> PixelRays {
     PixelRays::new(&view.camera, view.size_px.x, view.size_px.y)
+}
+
+/// The middle of a pixel, in pixels.
+pub fn middle((x, y): (u32, u32)) -> DVec2 {
+    DVec2::new(x.into(), y.into()) + 0.5
 }
 
 /// Device depth in the middle of a view, at a distance ahead.
