@@ -77,12 +77,7 @@ fn composed(rig: &Rig<'_>, variant: Variant) -> Result<Check> {
     let known = NoisySurfaces::new(rig, &fixture)?;
     let exact = Composed::new(rig, &known, variant);
     let shown = exact.draw(rig)?;
-    let unlike = |distortion: f64| {
-        share(pixels(SIZE).map(|at| {
-            let outside = excess(shown.get(at), &exact.allowed(at, distortion)).max_element();
-            !(outside <= DISPLAY_STEP)
-        }))
-    };
+    let unlike = |distortion: f64| share_unlike(&shown, |at| exact.allowed(at, distortion));
     let wet = share(pixels(SIZE).map(|at| exact.surface(rig::middle(at), at).is_some()));
     Ok(Check::new(rig, format!("{}: share of pixels unlike an f64 picture", variant.name))
         .within((EDGES, "1"), unlike(DISTORTION))

@@ -141,8 +141,7 @@ impl<'a> NoisySurfaces<'a> {
         let albedo = Texels::noise(rig, size, 101);
         let mut random = Random::new(13);
         let normal = Texels::new(rig, size, |at| {
-            let noise = DVec3::from([(); 3].map(|()| random.within(-1.0, 1.0))).normalize();
-            (normal(at) * SQRT_2 + noise).normalize().extend(random.number())
+            (normal(at) * SQRT_2 + random.direction()).normalize().extend(random.number())
         });
         let (albedo_texels, normal_texels) = (albedo.texture.clone(), normal.texture.clone());
         let scene = &fixture.scene;
@@ -205,4 +204,13 @@ pub fn excess(shown: DVec4, allowed: &[DVec4]) -> DVec4 {
 pub fn largest_excess(shown: &Texels, allowed: impl Fn((u32, u32)) -> Vec<DVec4>) -> f64 {
     let size = kit::size_px(&shown.texture);
     largest(pixels(size).map(|at| excess(shown.get(at), &allowed(at)).max_element()))
+}
+
+/// Share of pixels that lie outside by more than a display's rounding.
+pub fn share_unlike(shown: &Texels, allowed: impl Fn((u32, u32)) -> Vec<DVec4>) -> f64 {
+    let size = kit::size_px(&shown.texture);
+    share(pixels(size).map(|at| {
+        let outside = excess(shown.get(at), &allowed(at));
+        !outside.cmple(DVec4::splat(DISPLAY_STEP)).all()
+    }))
 }

@@ -11,7 +11,6 @@ use fathom_gpu::{
 };
 use fathom_pipelines::{BuiltPipeline, PipelineInstance, caustics_image};
 use fathom_reference::image::Image;
-use fathom_reference::optics::transmittance;
 use fathom_reference::photons::place_in_grid;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene, WaterModel, Wave};
@@ -331,13 +330,6 @@ pub fn area_shown(rays: &PixelRays, (x, y): (u32, u32), (middle, normal): (DVec3
     0.5 * diagonal.cross(on_plane(x, y + 1) - on_plane(x + 1, y)).length()
 }
 
-/// Share of the light that flat water lets through from a place below it to a camera.
-pub fn through_water(scene: &Scene, place: DVec3) -> f64 {
-    let camera = scene.camera.position();
-    let below = if camera.y <= 0.0 { 1.0 } else { -place.y / (camera.y - place.y) };
-    transmittance(scene.water.attenuation_per_m, camera.distance(place) * below.max(0.0))
-}
-
 /// Where photons start within the cells of a light's grid: off the middle.
 const IN_CELL: [f64; 2] = [0.375, 0.625];
 
@@ -399,5 +391,9 @@ impl Random {
 
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.number()
+    }
+
+    pub fn direction(&mut self) -> DVec3 {
+        DVec3::from([(); 3].map(|()| self.within(-1.0, 1.0))).normalize()
     }
 }
