@@ -53,6 +53,11 @@ impl PictureLight {
         self.lamp_m.map_or(self.sun, |lamp| (lamp - place).normalize())
     }
 
+    /// How far the light is from a place.
+    pub fn way_m(&self, place: DVec3) -> f64 {
+        self.lamp_m.map_or(f64::INFINITY, |lamp| lamp.distance(place))
+    }
+
     /// Radiance of a white surface at normal incidence, W/(m² sr): Lambert's law.
     fn white(&self) -> f64 {
         self.irradiance / PI

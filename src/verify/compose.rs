@@ -11,16 +11,15 @@ const SIZE: [u32; 2] = [96, 64];
 /// Buffers of caustics and godrays; those of reflection and refraction.
 const BUFFER: [u32; 2] = [61, 41];
 const MIRROR: [u32; 2] = [40, 26];
-const EXPOSURE: f64 = 0.3;
 /// Scales of the caustics, where they are irradiance, and of the godrays.
 const SCALES: [f64; 2] = [2.5, 0.7];
 const DEPTH_SHARE: f64 = 0.05;
 /// Below this sum of their weights, texels on the surface do not count.
 const MIN_WEIGHT: f64 = 1e-3;
 /// Cells of the water's grid along a side, few so that its triangles are not the smooth surface.
-const CELLS: u32 = 24;
+const CELLS: u32 = 14;
 const TAPS: u32 = 12;
-const RADIUS_M: f64 = 0.8;
+const RADIUS_M: f64 = 1.5;
 /// Screen shift of reflection and refraction for a unit of slope (tuned for its looks).
 const DISTORTION: f64 = 0.08;
 
@@ -33,45 +32,50 @@ struct Variant {
     has_rings: bool,
     added: bool,
     conserving: bool,
-    taps: u32,
+    /// Without light of photons and with occlusion, which is small beside it.
+    in_dark: bool,
 }
 
-const VARIANTS: [Variant; 6] = {
-    let (has_rings, added, conserving, taps) = (false, false, false, TAPS);
+const VARIANTS: [Variant; 7] = {
+    let name = "from above";
     let kind = LightKind::Directional;
-    let above =
-        Variant { name: "from above", height_m: 1.5, kind, has_rings, added, conserving, taps };
+    let (has_rings, added, conserving, in_dark) = (false, false, false, false);
+    let above = Variant { name, height_m: 1.5, kind, has_rings, added, conserving, in_dark };
     let below = Variant { name: "from below", height_m: -1.2, ..above };
-    let point = LightKind::Point;
+    let lamp = Variant { kind: LightKind::Point, conserving: true, ..above };
     [
         above,
-        Variant { name: "from above, conserving", kind: point, conserving: true, taps: 0, ..above },
+        Variant { name: "from above by a lamp, conserving", ..lamp },
         Variant { name: "at the surface, added", height_m: 0.06, added: true, ..above },
         below,
-        Variant { name: "from below, conserving", kind: point, conserving: true, ..below },
-        Variant { name: "under rings, added", has_rings: true, added: true, taps: 0, ..below },
+        Variant { name: "from below by a lamp, conserving", height_m: -1.2, ..lamp },
+        Variant { name: "from below under rings, added", has_rings: true, added: true, ..below },
+        Variant { name: "from below in the dark", in_dark: true, ..below },
     ]
 };
 
+impl Variant {
+    /// Display values are neither dark nor white.
+    fn exposure(&self) -> f64 {
+        if self.in_dark { 5.0 } else { 0.3 }
+    }
+
+    fn taps(&self) -> u32 {
+        if self.in_dark { TAPS } else { 0 }
+    }
+}
+
 pub fn cases() -> Vec<Case> {
-    let what = |variant: Variant| format!("pixel by pixel {}", variant.name);
+    let what = |variant: Variant| format!("picture pixel by pixel, {}", variant.name);
     Case::each(compose::INFO.name, VARIANTS, what, composed).collect()
 }
 
 fn composed(rig: &Rig<'_>, variant: Variant) -> Result<Check> {
     let mut scene = rig::shore(variant.kind, variant.height_m)?;
     if variant.has_rings {
-        let (amplitude_m, wavelength_m) = (0.08, 1.7);
-        let waves = Vec::new();
-        let water = scene.water;
-        scene.water = Water {
-            model: WaterModel::Circular,
-            noise: 0.0,
-            amplitude_m,
-            wavelength_m,
-            waves,
-            ..water
-        };
+        let water = &mut scene.water;
+        (water.model, water.noise, water.amplitude_m) = (WaterModel::Circular, 0.0, 0.08);
+        water.waves.clear();
     }
     let fixture = rig.fixture(scene, SIZE)?;
     let known = NoisySurfaces::new(rig, &fixture)?;
@@ -99,6 +103,8 @@ struct Composed<'a> {
 impl<'a> Composed<'a> {
     fn new(rig: &Rig<'_>, known: &'a NoisySurfaces<'a>, variant: Variant) -> Self {
         let mirror = |seed| Texels::noise(rig, MIRROR, seed);
+        let photons = if variant.in_dark { 0.0 } else { 1.0 };
+        let light = |seed, factor: f64| noise(BUFFER, seed).map(|value| photons * factor * value);
         let water = &known.fixture.scene.water;
         // The diagonals of the stage's quads, from the upper right to the lower left.
         let cells = CELLS as usize;
@@ -111,9 +117,8 @@ impl<'a> Composed<'a> {
             known,
             variant,
             water: Tracer::new(&[Object::new("water", grid)]),
-            caustics: noise(BUFFER, 21)
-                .map(|value| value * if variant.conserving { 0.004 } else { 1.0 }),
-            godrays: noise(BUFFER, 22),
+            caustics: light(21, if variant.conserving { 2e-2 } else { 1.0 }),
+            godrays: light(22, 1.0),
             reflection: mirror(23),
             refraction: mirror(24),
         }
@@ -123,7 +128,7 @@ impl<'a> Composed<'a> {
         let Self { known, variant, .. } = self;
         let fixture = known.fixture;
         let inputs = ComposeInputs {
-            picture: Picture::new(&known.gbuffer, EXPOSURE, 0.0),
+            picture: Picture::new(&known.gbuffer, variant.exposure(), 0.0),
             caustics: &rig.grey(&self.caustics),
             godrays: &rig.grey(&self.godrays),
             reflection: &self.reflection.texture,
@@ -133,7 +138,7 @@ impl<'a> Composed<'a> {
         let settings = PictureUniforms {
             caustics_scale: if variant.conserving { side } else { SCALES[0] } as f32,
             godrays_scale: SCALES[1] as f32,
-            occlusion_taps: variant.taps,
+            occlusion_taps: variant.taps(),
             occlusion_radius_m: RADIUS_M as f32,
             water_cells: CELLS,
             depth_share: DEPTH_SHARE as f32,
@@ -155,7 +160,7 @@ impl<'a> Composed<'a> {
         let shafts_beside = if deep { shafts } else { DVec3::ZERO };
         let wet = wet.map(|radiance| radiance + shafts);
         let dry = dry.into_iter().map(|radiance| radiance + shafts_beside);
-        wet.chain(dry).map(|radiance| displayed(radiance, EXPOSURE)).collect()
+        wet.chain(dry).map(|radiance| displayed(radiance, self.variant.exposure())).collect()
     }
 
     /// Where the line of sight through a place of the picture, in pixels, meets the water before what a pixel shows.
@@ -282,7 +287,7 @@ impl<'a> Composed<'a> {
 
     /// Share of the sky that nearby geometry leaves open, at least and at most: taps fall into texels, and rounding sends those at a border to either.
     fn openness(&self, at: (u32, u32), seen: &SeenSurface) -> [f64; 2] {
-        let taps = self.variant.taps;
+        let taps = self.variant.taps();
         let Fixture { rays, scene, .. } = self.known.fixture;
         let view_m = rays.project(seen.position).map_or(f64::NAN, |place| place.w);
         let half_height = (0.5 * scene.camera.fov_y_deg.to_radians()).tan();

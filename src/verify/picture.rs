@@ -3,6 +3,7 @@
 use std::f64::consts::SQRT_2;
 
 use crate::prelude::*;
+use fathom_gpu::read_texture;
 use fathom_reference::picture::PictureLight;
 use fathom_stages::kit;
 
@@ -25,37 +26,33 @@ pub const EDGES: f64 = 3e-3;
 /// What a texture holds.
 pub struct Texels {
     pub texture: wgpu::Texture,
-    values: Vec<DVec4>,
+    /// Four for each texel.
+    values: Vec<f32>,
 }
 
 impl Texels {
     /// 16-bit floats, which can be filtered everywhere.
     pub fn new(rig: &Rig<'_>, size: [u32; 2], texel: impl FnMut((u32, u32)) -> DVec4) -> Self {
         let format = wgpu::TextureFormat::Rgba16Float;
-        let values: Vec<DVec4> =
-            pixels(size).map(texel).map(|v| DVec4::from(v.to_array().map(short))).collect();
-        let halves = |v: &DVec4| v.to_array().map(|value| short_bits(value as f32));
-        let words = |v: &DVec4| {
-            let [r, g, b, a] = halves(v);
+        let values: Vec<[f32; 4]> =
+            pixels(size).map(texel).map(|v| v.to_array().map(cut_to_half)).collect();
+        let words = |v: &[f32; 4]| {
+            let [r, g, b, a] = v.map(half_bits);
             [r | g << 16, b | a << 16].map(f32::from_bits)
         };
         let texels = || values.iter().flat_map(words).collect();
         let texture = rig.fixed_texture("verify texels", size, format, texels);
-        Self { texture, values }
+        Self { texture, values: values.concat() }
     }
 
     /// Each channel noise in 0…1.
     pub fn noise(rig: &Rig<'_>, size: [u32; 2], seed: u32) -> Self {
-        let channels = [0, 1, 2, 3].map(|channel| noise(size, seed + 7919 * channel));
-        Self::new(rig, size, |at| DVec4::from([0, 1, 2, 3].map(|k: usize| channels[k].get(at))))
+        let mut random = Random::new(seed);
+        Self::new(rig, size, |_| DVec4::from([(); 4].map(|()| random.number())))
     }
 
     pub fn read(rig: &Rig<'_>, texture: &wgpu::Texture) -> Result<Self> {
-        let channels = [0, 1, 2, 3].map(|channel| rig.channel(texture, channel));
-        let [r, g, b, a] = channels;
-        let channels = [r?, g?, b?, a?];
-        let at = |at| DVec4::from([0, 1, 2, 3].map(|k: usize| channels[k].get(at)));
-        let values = pixels(channels[0].size()).map(at).collect();
+        let values = read_texture(rig.gpu, texture)?.data;
         Ok(Self { texture: texture.clone(), values })
     }
 
@@ -63,7 +60,8 @@ impl Texels {
     pub fn at(&self, texel: [i64; 2]) -> DVec4 {
         let size = kit::size_px(&self.texture);
         let [x, y] = [0, 1].map(|k| texel[k].clamp(0, i64::from(size[k]) - 1) as usize);
-        self.values[y * size[0] as usize + x]
+        let first = 4 * (y * size[0] as usize + x);
+        DVec4::from([0, 1, 2, 3].map(|k| f64::from(self.values[first + k])))
     }
 
     pub fn get(&self, (x, y): (u32, u32)) -> DVec4 {
@@ -87,16 +85,15 @@ pub fn corners(uv: DVec2, size: [u32; 2]) -> [(f64, [i64; 2]); 4] {
     })
 }
 
-/// A number of magnitude 2⁻¹⁴ and more as a 16-bit float, cut off.
-fn short_bits(value: f32) -> u32 {
-    let bits = value.to_bits();
-    bits >> 16 & 0x8000 | ((bits & 0x7fff_ffff) >> 13).saturating_sub(112 << 10)
+/// What a 16-bit float holds of a number, cut off; less than its least normal number is nothing.
+fn cut_to_half(value: f64) -> f32 {
+    let cut = f32::from_bits((value as f32).to_bits() & !0x1fff);
+    if cut.abs() < 1e-4 { 0.0 } else { cut }
 }
 
-/// What a 16-bit float holds of a number.
-fn short(value: f64) -> f64 {
-    let cut = f32::from_bits((value as f32).to_bits() & !0x1fff);
-    if cut.abs() < 1e-4 { 0.0 } else { f64::from(cut) }
+fn half_bits(cut: f32) -> u32 {
+    let bits = cut.to_bits();
+    bits >> 16 & 0x8000 | ((bits & 0x7fff_ffff) >> 13).saturating_sub(112 << 10)
 }
 
 /// What a camera sees, each pixel of a colour and a normal of its own, so that no other pixel's can stand for them.
@@ -144,10 +141,9 @@ impl<'a> NoisySurfaces<'a> {
             (normal(at) * SQRT_2 + random.direction()).normalize().extend(random.number())
         });
         let (albedo_texels, normal_texels) = (albedo.texture.clone(), normal.texture.clone());
-        let scene = &fixture.scene;
         Ok(Self {
             fixture,
-            light: PictureLight::new(&scene.camera, &scene.light, &scene.water),
+            light: fixture.light(),
             depth: rig.channel(&depth, 0)?,
             gbuffer: GBuffer { albedo: albedo_texels, normal: normal_texels, depth },
             albedo,

@@ -67,17 +67,10 @@ impl NoiseAtlas {
     }
 
     fn value(&self, face: Face, place: [f64; 2]) -> f64 {
-        let texel = |column: f64, row: f64| {
-            let last = f64::from(TEXELS - 1);
-            let [column, row] = [column, row].map(|k| k.clamp(0.0, last) as i64);
-            self.0.clamped(column + face.number() as i64 * i64::from(TEXELS), row)
-        };
-        let at = place.map(|share| share * f64::from(TEXELS) - 0.5);
-        let [column, row] = at.map(f64::floor);
-        let [right, down] = [at[0] - column, at[1] - row];
-        let across =
-            |row: f64| (1.0 - right) * texel(column, row) + right * texel(column + 1.0, row);
-        (1.0 - down) * across(row) + down * across(row + 1.0)
+        let last = i64::from(TEXELS) - 1;
+        let left = face.number() as i64 * i64::from(TEXELS);
+        let value = |[x, y]: [i64; 2]| self.0.clamped(left + x.clamp(0, last), y);
+        corners(place.into(), [TEXELS; 2]).map(|(weight, at)| weight * value(at)).iter().sum()
     }
 }
 

@@ -182,7 +182,7 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     let shown = rig.draw(&[&stage], stage.texture(), RED)?;
     let seen = pixels(SIZE).filter(|(x, y)| x % 4 == 1 && y % 4 == 1);
     let met: Vec<_> = seen.map(|at| (at, meet(&fixture, at))).collect();
-    let light = PictureLight::new(&scene.camera, &scene.light, &scene.water);
+    let light = fixture.light();
     let error = |index: f64| {
         let water = WetFloor { fixture: &fixture, light: &light, index };
         percentile::<75>(met.iter().filter_map(|&(at, met)| {

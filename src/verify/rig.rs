@@ -12,6 +12,7 @@ use fathom_gpu::{
 use fathom_pipelines::{BuiltPipeline, PipelineInstance, caustics_image};
 use fathom_reference::image::Image;
 use fathom_reference::photons::place_in_grid;
+use fathom_reference::picture::PictureLight;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene, WaterModel, Wave};
 use fathom_stages::gbuffer::GBuffer;
@@ -54,6 +55,11 @@ impl Fixture {
     /// What a pixel shows exactly.
     pub fn hit(&self, (x, y): (u32, u32)) -> Option<Hit> {
         Some(self.rays.cast(&self.tracer, x, y)?.0)
+    }
+
+    /// What light the picture is in without photons.
+    pub fn light(&self) -> PictureLight {
+        PictureLight::new(&self.scene.camera, &self.scene.light, &self.scene.water)
     }
 
     /// Whether a place appears on the picture, hidden or not.
@@ -269,10 +275,11 @@ pub fn flat_plane(kind: LightKind) -> Result<Scene> {
 /// stands near.
 pub fn shore(kind: LightKind, height_m: f64) -> Result<Scene> {
     let mut scene = Scene::load("port")?;
-    // Without what is as small as a pixel.
-    let is_large =
-        |name: &str| ["stone", "bollard", "rope"].iter().all(|part| !name.contains(part));
-    scene.objects.retain(|object| is_large(&object.name));
+    // Without what is as small as a pixel, and with an open horizon.
+    let is_kept = |name: &str| {
+        ["stone", "bollard", "rope", "back quay"].iter().all(|part| !name.contains(part))
+    };
+    scene.objects.retain(|object| is_kept(&object.name));
     scene.light.kind = kind;
     scene.light.direction = [-0.1, -0.3, 0.95];
     scene.light.position_m = [3.0, 2.5, -1.0];

@@ -1,7 +1,7 @@
 //! `transfer/shadow` and `shadow/compose`: which pixels' rays start, and the picture that rays make.
 
 use crate::prelude::*;
-use fathom_pipelines::shadow_rays::{direction_to_light, light_m};
+use fathom_reference::picture::PictureLight;
 use fathom_stages::photon::{MISSED, OUTSIDE};
 use fathom_stages::shadow::compose;
 use fathom_stages::transfer::shadow;
@@ -20,8 +20,7 @@ struct ShadowScene {
     fixture: Fixture,
     /// What each pixel shows exactly, row by row.
     hits: Vec<Option<Hit>>,
-    /// The way of a directional light.
-    sun: DVec3,
+    light: PictureLight,
 }
 
 impl ShadowScene {
@@ -33,16 +32,8 @@ impl ShadowScene {
         scene.light.position_m = [2.5, 1.0, 1.5];
         let fixture = rig.fixture(scene, SIZE)?;
         let hits = pixels(SIZE).map(|at| fixture.hit(at)).collect();
-        let sun = fixture.view.light_frame().forward;
-        Ok(ShadowScene { fixture, hits, sun })
-    }
-
-    fn to_light(&self, place: DVec3) -> DVec3 {
-        direction_to_light(&self.fixture.view, self.sun, place)
-    }
-
-    fn light_m(&self, place: DVec3) -> f64 {
-        light_m(&self.fixture.view, place)
+        let light = fixture.light();
+        Ok(ShadowScene { fixture, hits, light })
     }
 }
 
@@ -64,7 +55,7 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
             let hit = hit.as_ref()?;
             // On the side of the vertices' normals.
             let outwards = hit.normal * hit.normal.dot(hit.shading_normal).signum();
-            let cosine = sign * outwards.dot(seen.to_light(hit.position));
+            let cosine = sign * outwards.dot(seen.light.to_light(hit.position));
             // At the terminator either is right.
             (cosine.abs() > 0.02).then_some((cosine > 0.0) != *starts)
         }))
@@ -94,7 +85,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let turn = |(x, y): (u32, u32)| (x + SIZE[0] * y) % 4;
     let photon = |at: (u32, u32)| {
         let place = known.seen(at).map_or(DVec3::ZERO, |seen| seen.position);
-        let light_m = Some(seen.light_m(place)).filter(|way| way.is_finite()).unwrap_or(4.0);
+        let light_m = known.light.lamp_m.map_or(4.0, |lamp| lamp.distance(place));
         let end = rig::photon(place, place, [0.5, 1.5, 0.0, 0.0][turn(at) as usize] * light_m);
         match turn(at) {
             2 => Photon { fate: OUTSIDE, ..end },
