@@ -81,7 +81,7 @@ impl PictureLight {
         self.dry_ambient(normal) * transmittance(self.attenuation_per_m, above_m)
     }
 
-    /// Irradiance straight from the light above the water; below it comes by photons.
+    /// Irradiance straight from the light, above the water: below it comes by photons.
     pub fn direct(&self, place: DVec3, normal: DVec3) -> f64 {
         let cosine = if place.y < 0.0 { 0.0 } else { normal.dot(self.to_light(place)) };
         self.irradiance * cosine.max(0.0)

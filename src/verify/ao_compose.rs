@@ -32,7 +32,7 @@ fn known_inputs(rig: &Rig<'_>, kind: LightKind) -> Checks {
     // From above, so that the sky is seen too.
     scene.camera = Camera::new([0.6, 2.5, 6.5], [0.0, -0.6, 0.0], 65.0, [0.5, 16.0]);
     let fixture = rig.fixture(scene, SIZE)?;
-    let known = NoisySurfaces::new(rig, &fixture)?;
+    let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
     let open = noise(VISIBILITY, 31);
     let map = shadow::depth::new(rig, &fixture.shared, &fixture.geometry, TEXELS)?;
     let depths = rig.draw(&[&map], map.texture(), 0)?;

@@ -36,8 +36,8 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     let [normal, albedo] = [&textures.normal, &textures.albedo].map(|of| Texels::read(rig, of));
     let (normal, albedo) = (normal?, albedo?);
     // Distance along the view, normal and specular coefficient, albedo; zeros where nothing is seen.
-    let exact = |at: (u32, u32), shift_px: DVec2| {
-        let px = rig::middle(at) + shift_px;
+    let exact = |at: (u32, u32), shift_px: [f64; 2]| {
+        let px = rig::middle(at) + DVec2::from(shift_px);
         let (origin, sight, length) = fixture.rays.ray_at(px.x, px.y);
         let hit = fixture.tracer.cast(origin, sight, 0.0, length)?;
         let material = &fixture.scene.objects[hit.object].material;
@@ -107,8 +107,8 @@ struct Shore<'a> {
 
 impl Shore<'_> {
     /// Radiance and coverage beside a pixel's middle.
-    fn seen(&self, at: (u32, u32), shift_px: DVec2, overlap: f64) -> DVec4 {
-        let px = rig::middle(at) + shift_px;
+    fn seen(&self, at: (u32, u32), shift_px: [f64; 2], overlap: f64) -> DVec4 {
+        let px = rig::middle(at) + DVec2::from(shift_px);
         let (origin, direction, length) = self.fixture.rays.ray_at(px.x, px.y);
         let mirror = DVec3::new(1.0, if self.is_mirrored { -1.0 } else { 1.0 }, 1.0);
         let tracer = &self.fixture.tracer;

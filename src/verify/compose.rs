@@ -23,67 +23,55 @@ const RADIUS_M: f64 = 1.5;
 /// Screen shift of reflection and refraction for a unit of slope (tuned for its looks).
 const DISTORTION: f64 = 0.08;
 
-/// How a picture is composed, and from where it is seen.
-#[derive(Clone, Copy)]
-struct Variant {
-    name: &'static str,
-    height_m: f64,
-    kind: LightKind,
-    has_rings: bool,
-    added: bool,
-    conserving: bool,
-    /// Without light of photons and with occlusion, which is small beside it.
-    in_dark: bool,
+/// What becomes of the light of photons.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum PhotonLight {
+    Scaled,
+    Conserving,
+    Added,
+    /// Added, and the water's waves are circles.
+    AddedUnderRings,
+    /// There is none, and screen-space occlusion, which is small beside it.
+    Dark,
 }
 
-const VARIANTS: [Variant; 7] = {
-    let name = "from above";
-    let kind = LightKind::Directional;
-    let (has_rings, added, conserving, in_dark) = (false, false, false, false);
-    let above = Variant { name, height_m: 1.5, kind, has_rings, added, conserving, in_dark };
-    let below = Variant { name: "from below", height_m: -1.2, ..above };
-    let lamp = Variant { kind: LightKind::Point, conserving: true, ..above };
-    [
-        above,
-        Variant { name: "from above by a lamp, conserving", ..lamp },
-        Variant { name: "at the surface, added", height_m: 0.06, added: true, ..above },
-        below,
-        Variant { name: "from below by a lamp, conserving", height_m: -1.2, ..lamp },
-        Variant { name: "from below under rings, added", has_rings: true, added: true, ..below },
-        Variant { name: "from below in the dark", in_dark: true, ..below },
-    ]
-};
+/// How high the camera stands, and the light.
+type Variant = (f64, LightKind, PhotonLight);
 
-impl Variant {
-    /// Display values are neither dark nor white.
-    fn exposure(&self) -> f64 {
-        if self.in_dark { 5.0 } else { 0.3 }
-    }
-
-    fn taps(&self) -> u32 {
-        if self.in_dark { TAPS } else { 0 }
-    }
-}
+const VARIANTS: [Variant; 7] = [
+    (1.5, LightKind::Directional, PhotonLight::Scaled),
+    (1.5, LightKind::Point, PhotonLight::Conserving),
+    (0.06, LightKind::Directional, PhotonLight::Added),
+    (-1.2, LightKind::Directional, PhotonLight::Scaled),
+    (-1.2, LightKind::Point, PhotonLight::Conserving),
+    (-1.2, LightKind::Directional, PhotonLight::AddedUnderRings),
+    (-1.2, LightKind::Directional, PhotonLight::Dark),
+];
 
 pub fn cases() -> Vec<Case> {
-    let what = |variant: Variant| format!("picture pixel by pixel, {}", variant.name);
+    let what = |variant: Variant| format!("picture pixel by pixel, {}", described(variant));
     Case::each(compose::INFO.name, VARIANTS, what, composed).collect()
 }
 
+fn described((height_m, kind, photons): Variant) -> String {
+    format!("{height_m:+} m, {kind:?}, {photons:?}")
+}
+
 fn composed(rig: &Rig<'_>, variant: Variant) -> Result<Check> {
-    let mut scene = rig::shore(variant.kind, variant.height_m)?;
-    if variant.has_rings {
+    let (height_m, kind, photons) = variant;
+    let mut scene = rig::shore(kind, height_m)?;
+    if photons == PhotonLight::AddedUnderRings {
         let water = &mut scene.water;
         (water.model, water.noise, water.amplitude_m) = (WaterModel::Circular, 0.0, 0.08);
         water.waves.clear();
     }
     let fixture = rig.fixture(scene, SIZE)?;
-    let known = NoisySurfaces::new(rig, &fixture)?;
-    let exact = Composed::new(rig, &known, variant);
+    let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
+    let exact = Composed::new(rig, &known, photons);
     let shown = exact.draw(rig)?;
     let unlike = |distortion: f64| share_unlike(&shown, |at| exact.allowed(at, distortion));
     let wet = share(pixels(SIZE).map(|at| exact.surface(rig::middle(at), at).is_some()));
-    Ok(Check::new(rig, format!("{}: share of pixels unlike an f64 picture", variant.name))
+    Ok(Check::new(rig, format!("{}: share of pixels unlike an f64 picture", described(variant)))
         .within((EDGES, "1"), unlike(DISTORTION))
         .control("2 % more distortion", unlike(1.02 * DISTORTION))
         .with("share_of_the_water", wet))
@@ -92,7 +80,10 @@ fn composed(rig: &Rig<'_>, variant: Variant) -> Result<Check> {
 /// What a picture is composed from, and its water's surface in triangles.
 struct Composed<'a> {
     known: &'a NoisySurfaces<'a>,
-    variant: Variant,
+    conserving: bool,
+    added: bool,
+    taps: u32,
+    exposure: f64,
     water: Tracer,
     caustics: Image,
     godrays: Image,
@@ -101,34 +92,39 @@ struct Composed<'a> {
 }
 
 impl<'a> Composed<'a> {
-    fn new(rig: &Rig<'_>, known: &'a NoisySurfaces<'a>, variant: Variant) -> Self {
-        let mirror = |seed| Texels::noise(rig, MIRROR, seed);
-        let photons = if variant.in_dark { 0.0 } else { 1.0 };
-        let light = |seed, factor: f64| noise(BUFFER, seed).map(|value| photons * factor * value);
+    fn new(rig: &Rig<'_>, known: &'a NoisySurfaces<'a>, photons: PhotonLight) -> Self {
+        // Display values are then neither dark nor white.
+        let [exposure, caustics, godrays] = match photons {
+            PhotonLight::Dark => [5.0, 0.0, 0.0],
+            PhotonLight::Conserving => [0.3, 0.5, 1.0],
+            _ => [0.3, 1.0, 1.0],
+        };
+        let light = |seed, most: f64| noise(BUFFER, seed).map(|value| most * value);
         let water = &known.fixture.scene.water;
         // The diagonals of the stage's quads, from the upper right to the lower left.
-        let cells = CELLS as usize;
-        let grid = surface((cells, cells), (false, false), |u, v| {
+        let grid = surface((CELLS as usize, CELLS as usize), (false, false), |u, v| {
             let unit = DVec2::new(1.0 - 2.0 * u, 2.0 * v - 1.0);
             let xz = DVec2::from(water.center_m) + unit * DVec2::from(water.half_size_m);
             DVec3::new(xz.x, water.height(xz.x, xz.y), xz.y)
         });
         Self {
             known,
-            variant,
+            conserving: photons == PhotonLight::Conserving,
+            added: matches!(photons, PhotonLight::Added | PhotonLight::AddedUnderRings),
+            taps: if photons == PhotonLight::Dark { TAPS } else { 0 },
+            exposure,
             water: Tracer::new(&[Object::new("water", grid)]),
-            caustics: light(21, if variant.conserving { 2e-2 } else { 1.0 }),
-            godrays: light(22, 1.0),
-            reflection: mirror(23),
-            refraction: mirror(24),
+            caustics: light(21, caustics),
+            godrays: light(22, godrays),
+            reflection: Texels::noise(rig, MIRROR, 23),
+            refraction: Texels::noise(rig, MIRROR, 24),
         }
     }
 
     fn draw(&self, rig: &Rig<'_>) -> Result<Texels> {
-        let Self { known, variant, .. } = self;
-        let fixture = known.fixture;
+        let fixture = self.known.fixture;
         let inputs = ComposeInputs {
-            picture: Picture::new(&known.gbuffer, variant.exposure(), 0.0),
+            picture: Picture::new(&self.known.gbuffer, self.exposure, 0.0),
             caustics: &rig.grey(&self.caustics),
             godrays: &rig.grey(&self.godrays),
             reflection: &self.reflection.texture,
@@ -136,22 +132,22 @@ impl<'a> Composed<'a> {
         };
         let side = fixture.view.pixel_tangent(BUFFER);
         let settings = PictureUniforms {
-            caustics_scale: if variant.conserving { side } else { SCALES[0] } as f32,
+            caustics_scale: if self.conserving { side } else { SCALES[0] } as f32,
             godrays_scale: SCALES[1] as f32,
-            occlusion_taps: variant.taps(),
+            occlusion_taps: self.taps,
             occlusion_radius_m: RADIUS_M as f32,
             water_cells: CELLS,
             depth_share: DEPTH_SHARE as f32,
         };
-        let Variant { conserving, added, .. } = *variant;
-        let stage = compose::new(rig, &fixture.shared, &inputs, &settings, conserving, added)?;
+        let (shared, Self { conserving, added, .. }) = (&fixture.shared, self);
+        let stage = compose::new(rig, shared, &inputs, &settings, *conserving, *added)?;
         rig.run(&[&stage])?;
         Texels::read(rig, stage.texture())
     }
 
     /// What a pixel may show: at its border either of what meets there.
     fn allowed(&self, at: (u32, u32), distortion: f64) -> Vec<DVec4> {
-        let places = SHIFTS_PX.map(|shift| self.surface(rig::middle(at) + shift, at));
+        let places = SHIFTS_PX.map(|shift| self.surface(rig::middle(at) + DVec2::from(shift), at));
         let wet = places.iter().flatten().map(|place| self.through_surface(at, *place, distortion));
         let is_dry = places.iter().any(Option::is_none);
         let dry = if is_dry { self.beside_water(at) } else { Vec::new() };
@@ -160,7 +156,7 @@ impl<'a> Composed<'a> {
         let shafts_beside = if deep { shafts } else { DVec3::ZERO };
         let wet = wet.map(|radiance| radiance + shafts);
         let dry = dry.into_iter().map(|radiance| radiance + shafts_beside);
-        wet.chain(dry).map(|radiance| displayed(radiance, self.variant.exposure())).collect()
+        wet.chain(dry).map(|radiance| displayed(radiance, self.exposure)).collect()
     }
 
     /// Where the line of sight through a place of the picture, in pixels, meets the water before what a pixel shows.
@@ -182,7 +178,7 @@ impl<'a> Composed<'a> {
         let radiance = |open: f64| {
             let sky = known.light.ambient(seen.position, seen.normal) * open;
             let light = DVec3::splat(sky + known.light.direct(seen.position, seen.normal));
-            if self.variant.added {
+            if self.added {
                 known.through_water(&seen, seen.lit(light)) + caustic / PI
             } else {
                 known.through_water(&seen, seen.lit(light + caustic))
@@ -222,12 +218,10 @@ impl<'a> Composed<'a> {
 
     /// What caustics add to what is seen through the water from above.
     fn caustics_below(&self, px: DVec2) -> DVec3 {
-        let texel = [px.x, px.y].map(|k| k.trunc() as i64);
-        let last = SIZE.map(|side| i64::from(side) - 1);
-        let seen = self.known.surface(px, [0, 1].map(|k| texel[k].clamp(0, last[k])));
+        let seen = self.known.surface(px, [px.x as i64, px.y as i64]);
         let caustic = self.caustic(px, &seen);
         let light = &self.known.light;
-        if self.variant.added {
+        if self.added {
             return caustic / PI;
         }
         seen.lit(caustic) * transmittance(light.attenuation_per_m, light.wet_m(seen.position))
@@ -237,7 +231,7 @@ impl<'a> Composed<'a> {
     /// the cosine to the normal, of which a tenth counts at least.
     fn caustic(&self, px: DVec2, seen: &SeenSurface) -> DVec3 {
         let flux = self.on_surface(&self.caustics, px);
-        if !self.variant.conserving {
+        if !self.conserving {
             return flux * SCALES[0] * WATER_TINT;
         }
         let away = seen.position - self.known.light.camera_m;
@@ -267,27 +261,22 @@ impl<'a> Composed<'a> {
         let view_m =
             |[x, y]: [i64; 2]| self.known.fixture.scene.camera.view_depth_m(depth.clamped(x, y));
         let own_m = view_m([px.x, px.y].map(|k| (k + 1e-3).floor() as i64));
-        let texels = corners(px / UVec2::from(SIZE).as_dvec2(), BUFFER).map(|(weight, texel)| {
+        let (mut all, mut near) = (0.0, DVec2::ZERO);
+        for (weight, texel) in corners(px / UVec2::from(SIZE).as_dvec2(), BUFFER) {
             let texel = [0, 1].map(|k| texel[k].clamp(0, i64::from(BUFFER[k]) - 1));
             let there_m = view_m(pixel_behind(texel.map(|k| k as f64), BUFFER, SIZE));
-            let is_on_it = (there_m - own_m).abs() <= DEPTH_SHARE * own_m;
-            (weight, buffer.clamped(texel[0], texel[1]), is_on_it)
-        });
-        let mean = |keeps: fn(bool) -> bool| {
-            let kept = texels.iter().filter(|(.., is_on_it)| keeps(*is_on_it));
-            kept.fold((0.0, 0.0), |(sum, weights), (weight, value, _)| {
-                (sum + weight * value, weights + weight)
-            })
-        };
-        match mean(|is_on_it| is_on_it) {
-            (sum, weights) if weights >= MIN_WEIGHT => sum / weights,
-            _ => mean(|_| true).0,
+            let value = buffer.clamped(texel[0], texel[1]);
+            all += weight * value;
+            if (there_m - own_m).abs() <= DEPTH_SHARE * own_m {
+                near += weight * DVec2::new(value, 1.0);
+            }
         }
+        if near.y < MIN_WEIGHT { all } else { near.x / near.y }
     }
 
     /// Share of the sky that nearby geometry leaves open, at least and at most: taps fall into texels, and rounding sends those at a border to either.
     fn openness(&self, at: (u32, u32), seen: &SeenSurface) -> [f64; 2] {
-        let taps = self.variant.taps();
+        let taps = self.taps;
         let Fixture { rays, scene, .. } = self.known.fixture;
         let view_m = rays.project(seen.position).map_or(f64::NAN, |place| place.w);
         let half_height = (0.5 * scene.camera.fov_y_deg.to_radians()).tan();
@@ -300,9 +289,9 @@ impl<'a> Composed<'a> {
         for i in (0..taps).map(f64::from) {
             let r_px = radius_px * ((i + 0.5) / f64::from(taps)).sqrt();
             let px = rig::middle(at) + r_px * DVec2::from_angle(i * golden + turn);
-            // Rounding of the turn in f32, 5e-4 rad.
+            // Rounding of the turn in f32: 5e-4 rad.
             let around =
-                SHIFTS_PX.map(|shift| self.blocked(seen, px + 5e-4 * r_px / NEAR_PX * shift));
+                SHIFTS_PX.map(|shift| self.blocked(seen, px + 0.016 * r_px * DVec2::from(shift)));
             blocked[0] += around.into_iter().fold(f64::INFINITY, f64::min);
             blocked[1] += around.into_iter().fold(0.0, f64::max);
         }

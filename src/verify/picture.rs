@@ -11,14 +11,14 @@ use fathom_stages::kit;
 pub const DISPLAY_STEP: f64 = 0.51 / 255.0;
 /// Vulkan lets a rasterizer move corners by 1/32 pixel (`subPixelPrecisionBits` of 4): what is interpolated lies among what is seen at these places
 /// around a pixel's middle.
-pub const SHIFTS_PX: [DVec2; 5] = [
-    DVec2::ZERO,
-    DVec2::new(-NEAR_PX, -NEAR_PX),
-    DVec2::new(NEAR_PX, -NEAR_PX),
-    DVec2::new(-NEAR_PX, NEAR_PX),
-    DVec2::new(NEAR_PX, NEAR_PX),
+pub const SHIFTS_PX: [[f64; 2]; 5] = [
+    [0.0, 0.0],
+    [-NEAR_PX, -NEAR_PX],
+    [NEAR_PX, -NEAR_PX],
+    [-NEAR_PX, NEAR_PX],
+    [NEAR_PX, NEAR_PX],
 ];
-pub const NEAR_PX: f64 = 1.0 / 32.0;
+const NEAR_PX: f64 = 1.0 / 32.0;
 
 /// Share of pixels at creases and slits, where a rasterizer may draw what no ray near the pixel meets: 12 of 6,912 on SwiftShader.
 pub const EDGES: f64 = 3e-3;
@@ -123,12 +123,8 @@ impl SeenSurface {
 }
 
 impl<'a> NoisySurfaces<'a> {
-    pub fn new(rig: &Rig<'_>, fixture: &'a Fixture) -> Result<Self> {
-        Self::around(rig, fixture, |_| DVec3::ZERO)
-    }
-
-    /// With normals around those of each pixel, within 45 degrees of one that is not zero.
-    pub fn around(
+    /// With normals within 45 degrees of those of each pixel that are not zero.
+    pub fn new(
         rig: &Rig<'_>,
         fixture: &'a Fixture,
         normal: impl Fn((u32, u32)) -> DVec3,

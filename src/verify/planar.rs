@@ -20,8 +20,8 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-/// A pool of a floor and four walls up to the highest wave.
-fn pool(center_m: [f64; 2], half_size_m: [f64; 2]) -> Result<Scene> {
+/// A pool of a floor and four walls up to the highest wave, with a slab in it, on which no photon is counted; seen from one side.
+fn pool(side: f64) -> Result<Scene> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.floor_depth_m = FLOOR_DEPTH_M;
     scene.light.direction = [0.28, -1.0, -0.2];
@@ -29,16 +29,18 @@ fn pool(center_m: [f64; 2], half_size_m: [f64; 2]) -> Result<Scene> {
     scene.water = Water {
         amplitude_m: AMPLITUDE_M,
         attenuation_per_m: GAMMA_PER_M,
-        center_m,
-        half_size_m,
+        center_m: [0.6, -0.4],
+        half_size_m: [3.0, 2.0],
         ..Water::default()
     };
     let basin = Basin::from_water(&scene.water, FLOOR_DEPTH_M);
+    let middle = DVec3::new(0.6, 0.0, -0.4);
+    let slab = Mesh::parallelogram(middle + DVec3::NEG_Y, DVec3::Z * 0.4, DVec3::X * 0.4);
     scene.objects = Face::ALL.map(|face| wall(&basin, face)).into();
-    let middle = DVec3::new(center_m[0], 0.0, center_m[1]);
-    let at = |offset: DVec3| (middle + offset).to_array();
-    let (eye, aim) = (DVec3::new(0.5, 6.0, 9.0), DVec3::NEG_Y);
-    scene.camera = Camera::new(at(eye), at(aim), 60.0, [0.5, 30.0]);
+    scene.objects.push(Object::new("slab", slab));
+    let at =
+        |x: f64, y: f64, z: f64| (middle + side * DVec3::new(x, 0.0, z) + DVec3::Y * y).to_array();
+    scene.camera = Camera::new(at(4.0, 4.0, 4.5), at(-0.3, -1.2, -0.3), 55.0, [0.5, 30.0]);
     let objects = scene.objects.iter().map(|object| object.mesh.bounds());
     scene.bounds = objects.fold(Bounds::EMPTY, Bounds::union);
     scene.bounds.max.y = 1.0;
@@ -89,25 +91,13 @@ fn looked_up(rig: &Rig<'_>) -> Result<Check> {
         .control("looked up a fiftieth of a texel further", error(1)))
 }
 
-/// A pool with a slab in it, on which no photon is counted, seen from one side.
-fn seen_from(side: f64) -> Result<Scene> {
-    let mut scene = pool([0.6, -0.4], [3.0, 2.0])?;
-    let middle = DVec3::new(0.6, 0.0, -0.4);
-    let at =
-        |x: f64, y: f64, z: f64| (middle + side * DVec3::new(x, 0.0, z) + DVec3::Y * y).to_array();
-    scene.camera = Camera::new(at(4.0, 4.0, 4.5), at(-0.3, -1.2, -0.3), 55.0, [0.5, 30.0]);
-    let slab = Mesh::parallelogram(middle + DVec3::NEG_Y, DVec3::Z * 0.4, DVec3::X * 0.4);
-    scene.objects.push(Object::new("slab", slab));
-    Ok(scene)
-}
-
 /// For each pixel from one side the face that it shows, how far its colour is off, and how far from that of a place a fiftieth of a texel further.
 fn pool_errors(rig: &Rig<'_>, side: f64) -> Result<Vec<(Option<Face>, [f64; 2])>> {
     const EXPOSURE: f64 = 0.3;
     let atlas = NoiseAtlas::new();
-    let fixture = rig.fixture(seen_from(side)?, SIZE)?;
+    let fixture = rig.fixture(pool(side)?, SIZE)?;
     let normal = |at| fixture.hit(at).map_or(DVec3::ZERO, |hit| hit.shading_normal);
-    let known = NoisySurfaces::around(rig, &fixture, normal)?;
+    let known = NoisySurfaces::new(rig, &fixture, normal)?;
     let basin = Basin::from_water(&fixture.scene.water, fixture.scene.floor_depth_m);
     let (shared, pool) = (&fixture.shared, pool_from(&basin));
     let lit = (&rig.grey(&atlas.0), &pool);
@@ -144,7 +134,7 @@ fn pool_errors(rig: &Rig<'_>, side: f64) -> Result<Vec<(Option<Face>, [f64; 2])>
 /// The picture of the floor's map, pixel by pixel.
 fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     const EXPOSURE: f64 = 0.4;
-    let fixture = rig.fixture(pool([0.0; 2], [4.0; 2])?, SIZE)?;
+    let fixture = rig.fixture(pool(1.0)?, SIZE)?;
     let noise = NoiseAtlas::new();
     let pool = pool_from(&Basin::from_water(&fixture.scene.water, FLOOR_DEPTH_M));
     let (gbuffer, lit) = (rig.gbuffer(&fixture)?, (&rig.grey(&noise.0), &pool));

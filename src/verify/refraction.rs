@@ -29,7 +29,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let mut scene = ball_before(1.5)?;
     scene.light.kind = kind;
     let fixture = rig.fixture(scene, SIZE)?;
-    let known = NoisySurfaces::new(rig, &fixture)?;
+    let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
     let mut random = Random::new(11);
     let directions = Texels::new(rig, SIZE, |_| random.direction().extend(0.0));
     let glass_m = |(x, y): (u32, u32)| [0.0, 0.1, 1e3][((x + y) % 3) as usize];
@@ -90,7 +90,7 @@ fn ball_before(index: f32) -> Result<Scene> {
 }
 
 /// Pixels that show glass, and pictures with the ball and without.
-fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Vec<DVec3>; 2])> {
+fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Texels; 2])> {
     let fixture = rig.fixture(ball_before(index)?, SIZE)?;
     let Fixture { shared, geometry, scene, .. } = &fixture;
     let gbuffer = rig.gbuffer(&fixture)?;
@@ -104,7 +104,7 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Vec<DVec3
         let opaque = Some(scene.solid_bounds());
         let stage = compose::new(rig, shared, &gbuffer, exits, opaque, EXPOSURE)?;
         rig.run(&[&stage])?;
-        rig.vectors(stage.texture())
+        Texels::read(rig, stage.texture())
     };
     let pictures = [picture(&trace.output)?, picture(&none)?];
     let glass = rig.channel(&trace.positions, 3)?;
@@ -113,9 +113,9 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Vec<DVec3
 
 fn opaque_through_glass(rig: &Rig<'_>) -> Checks {
     // Two steps of eight bits.
-    let differ = |a: DVec3, b: DVec3| (a - b).abs().max_element() > 2.5 / 255.0;
-    let changed = |[glass, plain]: &[Vec<DVec3>; 2]| {
-        share(glass.iter().zip(plain).map(|(glass, plain)| differ(*glass, *plain)))
+    let differ = |a: DVec4, b: DVec4| (a - b).abs().max_element() > 2.5 / 255.0;
+    let changed = |[glass, plain]: &[Texels; 2]| {
+        share(pixels(SIZE).map(|at| differ(glass.get(at), plain.get(at))))
     };
     let (_, _, straight) = through_ball(rig, 1.0)?;
     let (fixture, glass, bent) = through_ball(rig, 1.4)?;
@@ -132,11 +132,10 @@ fn opaque_through_glass(rig: &Rig<'_>) -> Checks {
             let end = tracer.cast(origin, direction, 1e-6, f64::MAX)?.position;
             let seen = tracer.cast(eye, (end - eye).normalize(), 0.0, f64::MAX)?;
             let at = fixture.rays.project(end).filter(|_| fixture.in_view(end))?;
-            let pixel = |x: u32, y: u32| y as usize * SIZE[0] as usize + x as usize;
-            let own = pixel(x, y);
             let expected =
-                bent[1][if is_straight { own } else { pixel(at.x_px as u32, at.y_px as u32) }];
-            (seen.position.distance(end) < 1e-2).then(|| differ(bent[0][own], expected))
+                bent[1].get(if is_straight { (x, y) } else { (at.x_px as u32, at.y_px as u32) });
+            let is_seen = seen.position.distance(end) < 1e-2;
+            is_seen.then(|| differ(bent[0].get((x, y)), expected))
         }))
     };
     let of = |what: &str| Check::new(rig, format!("opaque objects through glass: {what}"));

@@ -163,14 +163,6 @@ impl<'g> Rig<'g> {
         Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel))
     }
 
-    /// Three channels of a texture as vectors, in rows.
-    pub fn vectors(&self, texture: &wgpu::Texture) -> Result<Vec<DVec3>> {
-        let pixels = read_texture(self.gpu, texture)?;
-        let vector = |texel: &[f32]| DVec3::new(texel[0].into(), texel[1].into(), texel[2].into());
-        let texels = pixels.data.chunks_exact(pixels.channels as usize);
-        Ok(texels.map(vector).collect())
-    }
-
     pub fn read_photons(&self, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
         photons.read(self.gpu)
     }

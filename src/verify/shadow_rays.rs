@@ -80,7 +80,7 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
 fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     const EXPOSURE: f64 = 0.25;
     let seen = ShadowScene::new(rig, kind)?;
-    let known = NoisySurfaces::new(rig, &seen.fixture)?;
+    let known = NoisySurfaces::new(rig, &seen.fixture, |_| DVec3::ZERO)?;
     // In turns the pixels' rays end half way to the light, behind a point light, nowhere, and on the place's own triangle.
     let turn = |(x, y): (u32, u32)| (x + SIZE[0] * y) % 4;
     let photon = |at: (u32, u32)| {

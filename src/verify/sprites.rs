@@ -154,7 +154,7 @@ fn composed(rig: &Rig<'_>) -> Checks {
     let mut checks = Vec::new();
     for (kind, height_m) in [(LightKind::Directional, 2.5), (LightKind::Point, -0.6)] {
         let fixture = rig.fixture(rig::shore(kind, height_m)?, SIZE)?;
-        let known = NoisySurfaces::new(rig, &fixture)?;
+        let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
         let [sprites, shafts] = [3, 4].map(|seed| noise(SIZE, seed).map(|value| 4.0 * value));
         let (light, flux) = (rig.grey(&sprites), rig.grey(&shafts));
         let shafts_over = Some(Shafts { flux: &flux, scale: SHAFT_SCALE });
