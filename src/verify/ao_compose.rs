@@ -5,7 +5,6 @@ use fathom_reference::image::pixel_behind;
 use fathom_stages::ao::compose::{self, LitInputs};
 use fathom_stages::picture::Picture;
 
-const STAGE: &str = "ao/compose";
 const SIZE: [u32; 2] = [96, 64];
 /// Of the buffer of visibility.
 const VISIBILITY: [u32; 2] = [61, 41];
@@ -18,8 +17,7 @@ const ROUNDING: f64 = 2e-6;
 pub fn cases() -> Vec<Case> {
     let kinds = [LightKind::Directional, LightKind::Point];
     let what = |kind| format!("pixel by pixel, {kind:?} light");
-    let plane = Case::new(STAGE, "a plane in slanted light", unshaded);
-    Case::each(STAGE, kinds, what, known_inputs).chain([plane]).collect()
+    Case::each(compose::INFO.name, kinds, what, known_inputs).collect()
 }
 
 /// The tank with noise for its surfaces and its visibility, in a shadow map so coarse that most of what is seen lies between its texels.
@@ -27,8 +25,8 @@ fn known_inputs(rig: &Rig<'_>, kind: LightKind) -> Checks {
     const TEXELS: u32 = 48;
     let mut scene = Scene::load("tank")?;
     scene.light.kind = kind;
-    // Narrower than what is seen.
-    scene.light.half_extent_m = 2.5;
+    // Fitted to what is seen, or narrower.
+    scene.light.half_extent_m = if kind == LightKind::Point { 0.0 } else { 2.5 };
     // From above, so that the sky is seen too.
     scene.camera = Camera::new([0.6, 2.5, 6.5], [0.0, -0.6, 0.0], 65.0, [0.5, 16.0]);
     let fixture = rig.fixture(scene, SIZE)?;
@@ -129,31 +127,4 @@ impl LitSurfaces<'_> {
         };
         [share(-ROUNDING), share(ROUNDING)]
     }
-}
-
-/// No plane lies in its own shadow. One as far above it as two texels of the map are wide lays a shadow on it.
-fn unshaded(rig: &Rig<'_>) -> Result<Check> {
-    let mut scene = rig::flat_plane(LightKind::Directional)?;
-    scene.light.direction = [1.0, -0.5, 0.7];
-    let fixture = rig.fixture(scene.clone(), SIZE)?;
-    let texel_m = 2.0 * scene.light.half_extent_m / 1024.0;
-    for position in scene.objects.iter_mut().flat_map(|object| &mut object.mesh.positions) {
-        position[1] += 2.0 * texel_m as f32;
-    }
-    let above = Geometry::new(rig, &scene);
-    let white = rig.constant(SIZE, [1.0; 4])?;
-    let gbuffer = GBuffer { albedo: white.clone(), ..rig.gbuffer(&fixture)? };
-    let dark = |caster| -> Result<f64> {
-        let map = shadow::depth::new(rig, &fixture.shared, caster, 1024)?;
-        let picture = Picture::new(&gbuffer, EXPOSURE, 0.0);
-        let lit = LitInputs { picture, visibility: &white, shadow: map.texture() };
-        let stage = compose::new(rig, &fixture.shared, &lit, false)?;
-        let shown = rig.draw(&[&map, &stage], stage.texture(), 0)?;
-        let plane = pixels(SIZE).filter(|at| fixture.hit(*at).is_some()).map(|at| shown.get(at));
-        let brightest = largest(plane.clone());
-        Ok(share(plane.map(|shown| shown < 0.99 * brightest)))
-    };
-    Ok(Check::new(rig, "share of pixels in shadow")
-        .within((0.0, "1"), dark(&fixture.geometry)?)
-        .control("a plane two texels above it casts the shadow", dark(&above)?))
 }

@@ -70,11 +70,9 @@ fn composed(rig: &Rig<'_>, variant: Variant) -> Result<Check> {
     let exact = Composed::new(rig, &known, photons);
     let shown = exact.draw(rig)?;
     let unlike = |distortion: f64| share_unlike(&shown, |at| exact.allowed(at, distortion));
-    let wet = share(pixels(SIZE).map(|at| exact.surface(rig::middle(at), at).is_some()));
     Ok(Check::new(rig, format!("{}: share of pixels unlike an f64 picture", described(variant)))
         .within((EDGES, "1"), unlike(DISTORTION))
-        .control("2 % more distortion", unlike(1.02 * DISTORTION))
-        .with("share_of_the_water", wet))
+        .control("2 % more distortion", unlike(1.02 * DISTORTION)))
 }
 
 /// What a picture is composed from, and its water's surface in triangles.

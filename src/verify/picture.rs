@@ -20,8 +20,8 @@ pub const SHIFTS_PX: [[f64; 2]; 5] = [
 ];
 const NEAR_PX: f64 = 1.0 / 32.0;
 
-/// Share of pixels at creases and slits, where a rasterizer may draw what no ray near the pixel meets: 12 of 6,912 on SwiftShader.
-pub const EDGES: f64 = 3e-3;
+/// Share of pixels at creases and slits, where a rasterizer may draw what no ray near the pixel meets: 6 of 6,912 on SwiftShader.
+pub const EDGES: f64 = 2e-3;
 
 /// What a texture holds.
 pub struct Texels {
@@ -183,11 +183,11 @@ pub fn displayed(radiance: DVec3, exposure: f64) -> DVec4 {
     radiance.map(|value| tone_mapped(value, exposure)).extend(1.0)
 }
 
-/// How far each channel lies outside of what it may be; not a number where nothing is known.
+/// How far each channel lies outside of what it may be, less than 0 within it; not a number where nothing is known.
 pub fn excess(shown: DVec4, allowed: &[DVec4]) -> DVec4 {
     let bound = |bound: fn(DVec4, DVec4) -> DVec4| allowed.iter().copied().reduce(bound);
     match (bound(DVec4::min), bound(DVec4::max)) {
-        (Some(low), Some(high)) => (low - shown).max(shown - high).max(DVec4::ZERO),
+        (Some(low), Some(high)) => (low - shown).max(shown - high),
         _ => DVec4::NAN,
     }
 }

@@ -25,7 +25,6 @@ fn pool(side: f64) -> Result<Scene> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.floor_depth_m = FLOOR_DEPTH_M;
     scene.light.direction = [0.28, -1.0, -0.2];
-    scene.light.half_extent_m = 0.0;
     scene.water = Water {
         amplitude_m: AMPLITUDE_M,
         attenuation_per_m: GAMMA_PER_M,
@@ -41,9 +40,6 @@ fn pool(side: f64) -> Result<Scene> {
     let at =
         |x: f64, y: f64, z: f64| (middle + side * DVec3::new(x, 0.0, z) + DVec3::Y * y).to_array();
     scene.camera = Camera::new(at(4.0, 4.0, 4.5), at(-0.3, -1.2, -0.3), 55.0, [0.5, 30.0]);
-    let objects = scene.objects.iter().map(|object| object.mesh.bounds());
-    scene.bounds = objects.fold(Bounds::EMPTY, Bounds::union);
-    scene.bounds.max.y = 1.0;
     Ok(scene)
 }
 

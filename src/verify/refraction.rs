@@ -55,7 +55,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     };
     // Directions in 16-bit floats fall on edges of the cube.
     Ok(Check::new(rig, format!("{kind:?}: share of pixels unlike an f64 picture"))
-        .within((EDGES, "1"), unlike(12.0))
+        .within((0.5 * EDGES, "1"), unlike(12.0))
         .control("a hundredth of a tile more on a side", unlike(12.01)))
 }
 

@@ -1,7 +1,6 @@
 //! `transfer/shadow` and `shadow/compose`: which pixels' rays start, and the picture that rays make.
 
 use crate::prelude::*;
-use fathom_reference::picture::PictureLight;
 use fathom_stages::photon::{MISSED, OUTSIDE};
 use fathom_stages::shadow::compose;
 use fathom_stages::transfer::shadow;
@@ -20,7 +19,6 @@ struct ShadowScene {
     fixture: Fixture,
     /// What each pixel shows exactly, row by row.
     hits: Vec<Option<Hit>>,
-    light: PictureLight,
 }
 
 impl ShadowScene {
@@ -32,8 +30,7 @@ impl ShadowScene {
         scene.light.position_m = [2.5, 1.0, 1.5];
         let fixture = rig.fixture(scene, SIZE)?;
         let hits = pixels(SIZE).map(|at| fixture.hit(at)).collect();
-        let light = fixture.light();
-        Ok(ShadowScene { fixture, hits, light })
+        Ok(ShadowScene { fixture, hits })
     }
 }
 
@@ -50,12 +47,13 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
         Ok(rays.iter().map(|ray| ray.state != NEVER).collect())
     };
     let (all, receivers) = (started(false)?, started(true)?);
+    let light = seen.fixture.light();
     let facing = |sign: f64| {
         share(seen.hits.iter().zip(&all).filter_map(|(hit, starts)| {
             let hit = hit.as_ref()?;
             // On the side of the vertices' normals.
             let outwards = hit.normal * hit.normal.dot(hit.shading_normal).signum();
-            let cosine = sign * outwards.dot(seen.light.to_light(hit.position));
+            let cosine = sign * outwards.dot(light.to_light(hit.position));
             // At the terminator either is right.
             (cosine.abs() > 0.02).then_some((cosine > 0.0) != *starts)
         }))
@@ -81,11 +79,12 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     const EXPOSURE: f64 = 0.25;
     let seen = ShadowScene::new(rig, kind)?;
     let known = NoisySurfaces::new(rig, &seen.fixture, |_| DVec3::ZERO)?;
-    // In turns the pixels' rays end half way to the light, behind a point light, nowhere, and on the place's own triangle.
+    // In turns the pixels' rays end half way to the light, behind it, nowhere, and on the place's own triangle. Behind a directional light, which
+    // stands nowhere, they are in shadow too.
     let turn = |(x, y): (u32, u32)| (x + SIZE[0] * y) % 4;
     let photon = |at: (u32, u32)| {
         let place = known.seen(at).map_or(DVec3::ZERO, |seen| seen.position);
-        let light_m = known.light.lamp_m.map_or(4.0, |lamp| lamp.distance(place));
+        let light_m = known.light.lamp_m.map_or(60.0, |lamp| lamp.distance(place));
         let end = rig::photon(place, place, [0.5, 1.5, 0.0, 0.0][turn(at) as usize] * light_m);
         match turn(at) {
             2 => Photon { fate: OUTSIDE, ..end },

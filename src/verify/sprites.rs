@@ -163,12 +163,10 @@ fn composed(rig: &Rig<'_>) -> Checks {
             rig.run(&[&stage])?;
             Texels::read(rig, stage.texture())
         };
-        let dry = |at: (u32, u32), sun: f64| {
+        let dry = |at: (u32, u32), photons: f64| {
             let seen = known.seen(at)?;
-            let photons = sprites.get(at) * WATER_TINT;
-            let sun = sun * known.light.direct(seen.position, seen.normal);
-            let sky = known.light.ambient(seen.position, seen.normal);
-            Some((seen, seen.lit(photons + sun + sky)))
+            let photons = photons * sprites.get(at) * WATER_TINT;
+            Some((seen, seen.lit(photons + known.irradiance(&seen))))
         };
         let picture = |at: (u32, u32), shafts_over: f64| {
             let behind = known.light.background(known.sight(at));
@@ -178,16 +176,16 @@ fn composed(rig: &Rig<'_>) -> Checks {
             vec![displayed(radiance + shafts_over * shafts, EXPOSURE)]
         };
         let radiance = draw(SpriteOutput::Dry)?;
-        let dry_error = |sun: f64| {
+        let dry_error = |photons: f64| {
             largest(pixels(SIZE).map(|at| {
-                let exact = dry(at, sun).map_or(DVec4::ZERO, |(_, dry)| dry.extend(1.0));
+                let exact = dry(at, photons).map_or(DVec4::ZERO, |(_, dry)| dry.extend(1.0));
                 ((radiance.get(at) - exact).abs() / (exact + 1e-3)).max_element()
             }))
         };
         checks.push(
             Check::new(rig, format!("{kind:?}: largest relative error of the dry radiance"))
                 .within((rig::SHORT_STEP, "1"), dry_error(1.0))
-                .control("light above the water 1 % stronger", dry_error(1.01)),
+                .control("1 % more light of sprites", dry_error(1.01)),
         );
         for (over, what) in [(None, "picture"), (shafts_over, "picture with shafts")] {
             let shown = draw(SpriteOutput::Picture { shafts: over, exposure: EXPOSURE })?;
