@@ -54,7 +54,8 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn described((height_m, kind, photons): Variant) -> String {
-    format!("{height_m:+} m, {kind:?}, {photons:?}")
+    let side = if height_m < 0.0 { "below" } else { "above" };
+    format!("{} m {side}, {kind:?} light, photons {photons:?}", height_m.abs())
 }
 
 fn composed(rig: &Rig<'_>, variant: Variant) -> Result<Check> {
