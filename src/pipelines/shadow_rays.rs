@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
-
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
 use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance, PixelComparison};
@@ -11,8 +9,9 @@ use super::{exact_answers, judged_view, objects_of, occlusion::signed_color, sha
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError};
+use fathom_reference::picture::PictureLight;
 use fathom_reference::rays::{PixelRays, Tracer};
-use fathom_scene::{Camera, Light, LightKind, Scene, SceneFile};
+use fathom_scene::{Camera, Light, Scene, SceneFile};
 use fathom_stages::geometry::{Geometry, Objects};
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::{Fate, Photon, Photons};
@@ -160,9 +159,13 @@ fn shadow_errors(pixels: &[InShadow]) -> [(&'static str, f64, &'static str); 3] 
     ]
 }
 
+fn light_of(view: &View) -> PictureLight {
+    PictureLight::new(&view.camera, &view.light, &view.water)
+}
+
 impl ShadowRays {
     fn shadowed(&self, end: &Photon) -> bool {
-        end.has_landed() && f64::from(end.distance_m) < light_m(&self.view, end.entry())
+        end.has_landed() && f64::from(end.distance_m) < light_of(&self.view).way_m(end.entry())
     }
 
     /// An even selection of at most about so many of the pixels that face the light, each with its number.
@@ -172,32 +175,15 @@ impl ShadowRays {
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
         let off_m = OFF_M * scene.solid_bounds().tank_scale();
-        let sun = view.light_frame().forward;
+        let light = light_of(view);
         let answers = exact_answers(ends.len(), max_pixels, |pixel| {
             let [x, y] = [pixel as u32 % width, pixel as u32 / width];
             let place = rays.cast(&tracer, x, y)?.0.position;
-            let to_light = direction_to_light(view, sun, place);
-            Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
+            Some(tracer.cast(place, light.to_light(place), off_m, light.way_m(place)).is_some())
         });
         let facing = answers.into_iter().filter(|(n, _)| ends[*n].fate() != Fate::MissedWater);
         let pair = |(n, exact)| (n, InShadow { found: self.shadowed(&ends[n]), exact });
         facing.map(pair).collect()
-    }
-}
-
-/// Distance of the light from a place.
-pub fn light_m(view: &View, place: DVec3) -> f64 {
-    match view.light.kind {
-        LightKind::Directional => f64::INFINITY,
-        LightKind::Point => place.distance(DVec3::from(view.light.position_m)),
-    }
-}
-
-/// Direction to the light from a place; `sun` is the way of a directional light.
-pub fn direction_to_light(view: &View, sun: DVec3, place: DVec3) -> DVec3 {
-    match view.light.kind {
-        LightKind::Directional => -sun,
-        LightKind::Point => (DVec3::from(view.light.position_m) - place).normalize(),
     }
 }
 

@@ -14,6 +14,7 @@ pub mod occlusion;
 pub mod optics;
 pub mod photon_map;
 pub mod photons;
+pub mod picture;
 pub mod pool;
 pub mod quantities;
 pub mod random;

@@ -1,191 +1,130 @@
-//! `ao/compose`: known inputs in, closed forms of reflected light out; and its shadows against rays.
+//! `ao/compose`: each pixel of the picture against an f64 evaluation from known buffers.
 
 use crate::prelude::*;
+use fathom_reference::image::pixel_behind;
 use fathom_stages::ao::compose::{self, LitInputs};
 use fathom_stages::picture::Picture;
 
-const STAGE: &str = "ao/compose";
 const SIZE: [u32; 2] = [96, 64];
+/// Of the buffer of visibility.
+const VISIBILITY: [u32; 2] = [61, 41];
+/// Irradiance of the ambient light over that of the direct light.
 const AMBIENT: f64 = 0.4;
-/// Half a step of 8 bits is 0.2 % of white; undoing the tone curve makes up to six times that of it where it is dark or
-/// nearly white. The exposures keep clear of both; powers of 32 take up the rest.
-const TOLERANCE: f64 = 0.02;
+const EXPOSURE: f64 = 0.2;
+/// Of depths in 32-bit floats.
+const ROUNDING: f64 = 2e-6;
 
 pub fn cases() -> Vec<Case> {
-    vec![
-        Case::new(STAGE, "known inputs against closed forms", known_inputs),
-        Case::new(STAGE, "shadows against rays", shadows),
-        Case::new(STAGE, "a plane in slanted light", unshaded),
-    ]
+    let kinds = [LightKind::Directional, LightKind::Point];
+    let what = |kind| format!("pixel by pixel, {kind:?} light");
+    Case::each(compose::INFO.name, kinds, what, known_inputs).collect()
 }
 
-/// What is composed, one value for the whole view, from a surface that faces the camera.
-#[derive(Clone, Copy)]
-struct SurfaceInputs {
-    albedo: f64,
-    specular: f64,
-    visibility: f64,
-    /// Depth in the shadow map: 1 leaves all in the light, 0 none.
-    shadow: f64,
-    exposure: f64,
-}
-
-const LIT: SurfaceInputs =
-    SurfaceInputs { albedo: 0.5, specular: 0.0, visibility: 0.5, shadow: 1.0, exposure: 0.3 };
-const NORMAL: DVec3 = DVec3::Z;
-/// How far ahead the surface is, metres.
-const AHEAD_M: f64 = 3.0;
-
-fn known_inputs(rig: &Rig<'_>) -> Checks {
-    let mut view = rig::synthetic_view(SIZE, 0.0)?;
-    // The shadow map covers all that is seen.
-    view.light.half_extent_m = 20.0;
-    // From behind the viewer, so that the glossy lobe is seen.
-    view.light.direction = [0.2, -0.3, -1.0];
-    let cases = [
-        ("light and ambient", LIT),
-        ("ambient in shadow", SurfaceInputs { shadow: 0.0, exposure: 2.0, ..LIT }),
-        ("a glossy surface", SurfaceInputs { specular: 0.6, exposure: 0.15, ..LIT }),
-    ];
-    let mut checks = Vec::new();
-    for (name, known) in cases {
-        let shown = known.composed(rig, &view, depth(&view), false)?;
-        let brighter =
-            SurfaceInputs { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
-        checks.push(
-            Check::new(rig, format!("{name}: largest relative error of the radiance"))
-                .within((TOLERANCE, "1"), known.error(&shown, &view))
-                .control("reflectances 5 % higher", brighter.error(&shown, &view)),
-        );
-    }
-    let behind = LIT.composed(rig, &view, 1.0, true)?;
-    // The greys of the shader, below and above.
-    let rays = rig::rays(&view);
-    let background = |low: f64, high: f64| {
-        let grey = |x, y| low + (high - low) * 0.5 * (1.0 + rays.ray(x, y).1.y);
-        largest(pixels(SIZE).map(|(x, y)| (behind.get((x, y)) - grey(x, y)).abs()))
-    };
-    checks.push(
-        Check::new(rig, "where nothing is seen: largest error of the grey")
-            .within((0.51 / 255.0, "1"), background(0.30, 0.75))
-            .control("a gradient upside down", background(0.75, 0.30)),
-    );
-    let shown = LIT.composed(rig, &view, depth(&view), true)?;
-    let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
-    checks.push(
-        Check::new(rig, "occlusion alone is shown as it is: largest error")
-            .within((0.51 / 255.0, "1"), off(LIT.visibility))
-            .control("visibility 0.01 higher", off(LIT.visibility + 0.01)),
-    );
-    Ok(checks)
-}
-
-/// Device depth as the buffer holds it.
-fn depth(view: &View) -> f64 {
-    f64::from(rig::depth_ahead(view, AHEAD_M) as f32)
-}
-
-impl SurfaceInputs {
-    /// The picture, one channel.
-    fn composed(
-        &self,
-        rig: &Rig<'_>,
-        view: &View,
-        depth: f64,
-        shows_occlusion: bool,
-    ) -> Result<Image> {
-        let grey = |value: f64| rig.constant(SIZE, [value as f32; 4]);
-        let gbuffer = GBuffer {
-            albedo: grey(self.albedo)?,
-            normal: rig.constant(SIZE, NORMAL.as_vec3().extend(self.specular as f32).to_array())?,
-            depth: rig.depth(SIZE, depth)?,
-        };
+/// The tank with noise for its surfaces and its visibility, in a shadow map so coarse that most of what is seen lies between its texels.
+fn known_inputs(rig: &Rig<'_>, kind: LightKind) -> Checks {
+    const TEXELS: u32 = 48;
+    let mut scene = Scene::load("tank")?;
+    scene.light.kind = kind;
+    // Fitted to what is seen, or narrower.
+    scene.light.half_extent_m = if kind == LightKind::Point { 0.0 } else { 2.5 };
+    // From above, so that the sky is seen too.
+    scene.camera = Camera::new([0.6, 2.5, 6.5], [0.0, -0.6, 0.0], 65.0, [0.5, 16.0]);
+    let fixture = rig.fixture(scene, SIZE)?;
+    let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
+    let open = noise(VISIBILITY, 31);
+    let map = shadow::depth::new(rig, &fixture.shared, &fixture.geometry, TEXELS)?;
+    let depths = rig.draw(&[&map], map.texture(), 0)?;
+    let draw = |shows_occlusion: bool| -> Result<Texels> {
         let lit = LitInputs {
-            picture: Picture::new(&gbuffer, self.exposure, AMBIENT),
-            visibility: &grey(self.visibility)?,
-            shadow: &rig.depth([64, 64], self.shadow)?,
+            picture: Picture::new(&known.gbuffer, EXPOSURE, AMBIENT),
+            visibility: &rig.grey(&open),
+            shadow: map.texture(),
         };
-        let stage = compose::new(rig, &Shared::new(rig, view), &lit, shows_occlusion)?;
-        rig.draw(&[&stage], stage.texture(), 0)
-    }
-
-    /// Largest difference of the radiance from the closed form, relative to it: Lambert's law, Blinn and Phong's lobe of exponent 32, and
-    /// ambient light times visibility.
-    fn error(&self, shown: &Image, view: &View) -> f64 {
-        let (rays, depth) = (rig::rays(view), depth(view));
-        let to_light = -view.light_frame().forward;
-        let lit = if self.shadow > 0.0 { 1.0 } else { 0.0 };
-        largest(pixels(SIZE).map(|(x, y)| {
-            let p = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, depth);
-            let to_viewer = (view.camera.position() - p).normalize();
-            let half_way = (to_light + to_viewer).normalize();
-            let lobe = 40.0 / (8.0 * PI) * NORMAL.dot(half_way).max(0.0).powi(32);
-            let direct = (self.albedo / PI + self.specular * lobe) * NORMAL.dot(to_light);
-            let ambient = self.albedo / PI * AMBIENT * self.visibility;
-            let exact = view.irradiance() * (lit * direct.max(0.0) + ambient);
-            relative_error(radiance_of(shown.get((x, y)), self.exposure), exact)
-        }))
-    }
+        let stage = compose::new(rig, &fixture.shared, &lit, shows_occlusion)?;
+        rig.run(&[&stage])?;
+        Texels::read(rig, stage.texture())
+    };
+    let light_rays =
+        PixelRays::of_matrix(fixture.view.light_frame().view_projection, TEXELS, TEXELS);
+    let lit = LitSurfaces { known: &known, open: &open, depths: &depths, light_rays };
+    let (shown, occlusion) = (draw(false)?, draw(true)?);
+    let error = |gloss| largest_excess(&shown, |at| lit.allowed(at, gloss));
+    let occluded = |scale: f64| {
+        largest_excess(&occlusion, |at| {
+            let grey = known.seen(at).map_or_else(|| lit.background(at), |_| scale * lit.open(at));
+            vec![DVec3::splat(grey).extend(1.0)]
+        })
+    };
+    Ok(vec![
+        Check::new(rig, format!("{kind:?}: largest error of the picture"))
+            .within((DISPLAY_STEP, "1"), error(32.0))
+            .control("a gloss of 33", error(33.0)),
+        Check::new(rig, format!("{kind:?}: largest error of the occlusion alone"))
+            .within((DISPLAY_STEP, "1"), occluded(1.0))
+            .control("1 % less of it", occluded(0.99)),
+    ])
 }
 
-/// Which pixels the light reaches, in a scene with columns and curved objects.
-fn shadows(rig: &Rig<'_>) -> Result<Check> {
-    const START_M: f64 = 1e-3;
-    let fixture = rig.fixture(Scene::load("tank")?, SIZE)?;
-    let shown = lit(rig, &fixture, &fixture.geometry, 1e3)?;
-    // Of the covered pixels: whether a ray to the light is free, and whether the picture is lit. Pixels that the light strikes at a slant
-    // of less than 5 degrees are left out.
-    let judged = |toward: DVec3| -> Vec<[bool; 2]> {
-        let judge = |at| {
-            let hit = fixture.hit(at)?;
-            let facing = hit.shading_normal.dot(toward);
-            let start = hit.position + hit.normal * START_M;
-            let free = || facing > 0.0 && fixture.tracer.cast(start, toward, 0.0, 1e3).is_none();
-            (facing.abs() >= 0.087).then(|| [free(), shown.get(at) > 0.5])
+struct LitSurfaces<'a> {
+    known: &'a NoisySurfaces<'a>,
+    /// 1 − A.
+    open: &'a Image,
+    /// The shadow map, and rays through its texels.
+    depths: &'a Image,
+    light_rays: PixelRays,
+}
+
+impl LitSurfaces<'_> {
+    /// Visibility of the texel behind a pixel.
+    fn open(&self, (x, y): (u32, u32)) -> f64 {
+        let [x, y] = pixel_behind([x.into(), y.into()], SIZE, VISIBILITY);
+        self.open.clamped(x, y)
+    }
+
+    /// A grey that rises with the height of the line of sight (VAO shows white objects before it; tuned for its looks).
+    fn background(&self, at: (u32, u32)) -> f64 {
+        0.30 + (0.75 - 0.30) * 0.5 * (1.0 + self.known.sight(at).y)
+    }
+
+    /// With the least and the most light that may arrive.
+    fn allowed(&self, at: (u32, u32), gloss: f64) -> Vec<DVec4> {
+        let Some(seen) = self.known.seen(at) else {
+            return vec![DVec3::splat(self.background(at)).extend(1.0)];
         };
-        pixels(SIZE).filter_map(judge).collect()
-    };
-    let unlike = |judged: &[[bool; 2]]| share(judged.iter().map(|[free, lit]| free != lit));
-    let toward = -fixture.view.light_frame().forward;
-    let turned = judged((toward + DVec3::new(0.3, 0.0, 0.3)).normalize());
-    let judged = judged(toward);
-    Ok(Check::new(rig, "share of pixels whose shadow is unlike exact rays")
-        .within((0.015, "1"), unlike(&judged))
-        .control("light turned by about 20 degrees", unlike(&turned))
-        .with("in_shadow_share", share(judged.iter().map(|[free, _]| !free))))
-}
-
-/// A white scene in the light that a geometry leaves.
-fn lit(rig: &Rig<'_>, fixture: &Fixture, caster: &Geometry, exposure: f64) -> Result<Image> {
-    let light = shadow::depth::new(rig, &fixture.shared, caster, 1024)?;
-    let white = rig.constant(SIZE, [1.0; 4])?;
-    let gbuffer = GBuffer { albedo: white.clone(), ..rig.gbuffer(fixture)? };
-    let lit = LitInputs {
-        picture: Picture::new(&gbuffer, exposure, 0.0),
-        visibility: &white,
-        shadow: light.texture(),
-    };
-    let stage = compose::new(rig, &fixture.shared, &lit, false)?;
-    rig.draw(&[&light, &stage], stage.texture(), 0)
-}
-
-/// No plane lies in its own shadow. One as far above it as two texels of the map are wide lays a shadow on it.
-fn unshaded(rig: &Rig<'_>) -> Result<Check> {
-    let mut scene = rig::flat_plane(LightKind::Directional)?;
-    scene.light.direction = [1.0, -0.5, 0.7];
-    let fixture = rig.fixture(scene.clone(), SIZE)?;
-    let texel_m = 2.0 * scene.light.half_extent_m / 1024.0;
-    for position in scene.objects.iter_mut().flat_map(|object| &mut object.mesh.positions) {
-        position[1] += 2.0 * texel_m as f32;
+        let light = &self.known.light;
+        let to_light = light.to_light(seen.position);
+        let half_way = (to_light - self.known.sight(at)).normalize();
+        // Blinn and Phong's lobe of a total near 1, (s + 8) / 8π (Real-Time Rendering, 3rd edition, chapter 7).
+        let lobe = (gloss + 8.0) / (8.0 * PI) * seen.normal.dot(half_way).max(0.0).powf(gloss);
+        let specular = self.known.normal.get(at).w;
+        let cosine = seen.normal.dot(to_light).max(0.0);
+        let radiance = |share: f64| {
+            let direct = (seen.albedo / PI + specular * lobe) * cosine * share;
+            light.irradiance * (direct + seen.albedo / PI * AMBIENT * self.open(at))
+        };
+        self.lit_share(&seen).map(|share| displayed(radiance(share), EXPOSURE)).into()
     }
-    let above = Geometry::new(rig, &scene);
-    let dark = |caster| -> Result<f64> {
-        let shown = lit(rig, &fixture, caster, 0.3)?;
-        let plane = pixels(SIZE).filter(|at| fixture.hit(*at).is_some()).map(|at| shown.get(at));
-        let brightest = largest(plane.clone());
-        Ok(share(plane.map(|shown| shown < 0.99 * brightest)))
-    };
-    Ok(Check::new(rig, "share of pixels in shadow")
-        .within((0.0, "1"), dark(&fixture.geometry)?)
-        .control("a plane two texels above it casts the shadow", dark(&above)?))
+
+    /// Share of the direct light by the four texels of the map around the place, moved by 1.5 texels along its normal (Reeves, Salesin and Cook, *Rendering
+    /// Antialiased Shadows with Depth Maps*, 1987); at least and at most, as rounding decides where depths are alike.
+    fn lit_share(&self, seen: &SeenSurface) -> [f64; 2] {
+        let (rays, side) = (&self.light_rays, f64::from(self.depths.width()));
+        let Some(on) = rays.project(seen.position) else { return [f64::NAN; 2] };
+        let width_m = |x: f64, y: f64| {
+            rays.unproject(on.x_px + x, on.y_px + y, on.depth).distance(seen.position)
+        };
+        let moved = seen.position + 1.5 * width_m(1.0, 0.0).max(width_m(0.0, 1.0)) * seen.normal;
+        let Some(on) = rays.project(moved) else { return [f64::NAN; 2] };
+        let place = DVec2::new(on.x_px, on.y_px) / side;
+        if place.min_element() < 0.0 || place.max_element() > 1.0 {
+            return [1.0; 2];
+        }
+        let share = |rounding: f64| {
+            let open = corners(place, [self.depths.width(); 2]).map(|(weight, [x, y])| {
+                if self.depths.clamped(x, y) + rounding >= on.depth { weight } else { 0.0 }
+            });
+            open.into_iter().sum()
+        };
+        [share(-ROUNDING), share(ROUNDING)]
+    }
 }

@@ -1,345 +1,317 @@
-//! `compose`: known inputs in, and the laws of adding light, of attenuation and of reflection out.
+//! `compose`: each pixel of the picture against an f64 evaluation of its light, from known buffers and exact rays to the water's surface.
 
 use crate::prelude::*;
 use fathom_reference::image::pixel_behind;
+use fathom_reference::picture::{SHAFT_TINT, WATER_TINT};
+use fathom_scene::{WaterModel, surface};
 use fathom_stages::compose::{self, ComposeInputs, PictureUniforms};
 use fathom_stages::picture::Picture;
 
-const STAGE: &str = "compose";
 const SIZE: [u32; 2] = [96, 64];
-/// Distance of the wall that fills the view, metres.
-const WALL_M: f64 = 4.0;
-/// How deep its middle is.
-const DEPTH_M: f64 = 2.0;
-const GAMMA_PER_M: f64 = 0.13;
-/// Channel that is judged: the water's tint leaves blue as it is.
-const BLUE: usize = 2;
-/// Middles of the bands of caustics (from left to right) and of godrays (from top to bottom), arbitrary units.
-const CAUSTICS: [f64; 3] = [1.0, 4.0, 7.0];
-const GODRAYS: [f64; 2] = [0.05, 0.4];
-/// Caustics rise by this much across a band: the 8-bit steps of the display then average out.
-const RAMP: f64 = 1.0;
-/// Pixels next to another band are mixed with it.
-const BORDER_PX: u32 = 4;
-
-/// Default of `caustics.filter_depth_share`.
+/// Buffers of caustics and godrays; those of reflection and refraction.
+const BUFFER: [u32; 2] = [61, 41];
+const MIRROR: [u32; 2] = [40, 26];
+/// Scales of the caustics, where they are irradiance, and of the godrays.
+const SCALES: [f64; 2] = [2.5, 0.7];
 const DEPTH_SHARE: f64 = 0.05;
+/// Below this sum of their weights, texels on the surface do not count.
+const MIN_WEIGHT: f64 = 1e-3;
+/// Cells of the water's grid along a side, few so that its triangles are not the smooth surface.
+const CELLS: u32 = 14;
+const TAPS: u32 = 12;
+const RADIUS_M: f64 = 1.5;
+/// Screen shift of reflection and refraction for a unit of slope (tuned for its looks).
+const DISTORTION: f64 = 0.08;
+
+/// What becomes of the light of photons.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum PhotonLight {
+    Scaled,
+    Conserving,
+    Added,
+    /// Added, and the water's waves are circles.
+    AddedUnderRings,
+    /// There is none, and screen-space occlusion, which is small beside it.
+    Dark,
+}
+
+/// How high the camera stands, and the light.
+type Variant = (f64, LightKind, PhotonLight);
+
+const VARIANTS: [Variant; 7] = [
+    (1.5, LightKind::Directional, PhotonLight::Scaled),
+    (1.5, LightKind::Point, PhotonLight::Conserving),
+    (0.06, LightKind::Directional, PhotonLight::Added),
+    (-1.2, LightKind::Directional, PhotonLight::Scaled),
+    (-1.2, LightKind::Point, PhotonLight::Conserving),
+    (-1.2, LightKind::Directional, PhotonLight::AddedUnderRings),
+    (-1.2, LightKind::Directional, PhotonLight::Dark),
+];
 
 pub fn cases() -> Vec<Case> {
-    vec![
-        Case::new(STAGE, "addition and attenuation of known inputs", known_inputs),
-        Case::new(STAGE, "Fresnel reflection of the water from above and below", fresnel),
-        Case::new(STAGE, "caustics brought to the picture's size within surfaces", |rig| {
-            upscaled(rig, "caustics", |dark, caustics| Buffers { caustics, ..dark })
-        }),
-        Case::new(STAGE, "godrays brought to the picture's size within surfaces", |rig| {
-            // They are radiance; of irradiance a white surface sends a πth to the eye.
-            let lit = |dark, rays: Image| Buffers { godrays: rays.map(|value| value / PI), ..dark };
-            upscaled(rig, "godrays", lit)
-        }),
-        Case::new(STAGE, "flux of pixels over the area behind them", conserved),
-        Case::new(STAGE, "light of the sky below water", sky),
-        Case::new(STAGE, "screen-space ambient occlusion", occlusion),
-    ]
+    let what = |variant: Variant| format!("picture pixel by pixel, {}", described(variant));
+    Case::each(compose::INFO.name, VARIANTS, what, composed).collect()
 }
 
-/// Mean radiance of each band: `[godrays][caustics]`.
-type Bands = [[f64; 3]; 2];
-
-fn known_inputs(rig: &Rig<'_>) -> Checks {
-    let clear = wall(rig, 0.0, false)?;
-    let water = wall(rig, GAMMA_PER_M, false)?;
-    let added = wall(rig, GAMMA_PER_M, true)?;
-    let [low, middle, high] = water[0];
-    let (rays, both) = (water[1][0] - low, water[1][2] - low);
-    let through = (high - low) / (clear[0][2] - clear[0][0]);
-    let left = |factor: f64| transmittance(GAMMA_PER_M * factor, WALL_M);
-    let unfaded = |seen: &Bands| relative_error(seen[0][2] - seen[0][0], clear[0][2] - clear[0][0]);
-    let twice = (high - low) / (middle - low);
-    Ok(vec![
-        Check::new(rig, "twice the caustics, twice the light: relative error")
-            .within((5e-3, "1"), relative_error(twice, 2.0))
-            .control("2.1 times expected", relative_error(twice, 2.1)),
-        Check::new(rig, "caustics and godrays add up: relative error")
-            .within((5e-3, "1"), relative_error(both, high - low + rays))
-            .control("godrays counted 1.1 times", relative_error(both, high - low + 1.1 * rays)),
-        Check::new(rig, "caustics seen through 4 m of water: relative error")
-            .within((5e-3, "1"), relative_error(through, left(1.0)))
-            .control("attenuation 5 % higher", relative_error(through, left(1.05))),
-        Check::new(rig, "caustics added over a grey wall behind 4 m of water: relative error")
-            .within((5e-3, "1"), unfaded(&added))
-            .control("caustics that light a white wall", unfaded(&water)),
-    ])
+fn described((height_m, kind, photons): Variant) -> String {
+    let side = if height_m < 0.0 { "below" } else { "above" };
+    format!("{} m {side}, {kind:?} light, photons {photons:?}", height_m.abs())
 }
 
-/// What is composed, one value for the whole view unless an image.
-#[derive(Clone)]
-struct Buffers {
-    albedo: f32,
-    /// What is seen: one normal for all of it.
-    depth: wgpu::Texture,
-    normal: Vec3,
-    /// Taps, and their radius in metres.
-    occlusion: (u32, f64),
-    caustics: Image,
-    /// A pixel's extent at 1 m, where caustics are flux and not irradiance.
-    pixel_tangent: Option<f64>,
+fn composed(rig: &Rig<'_>, variant: Variant) -> Result<Check> {
+    let (height_m, kind, photons) = variant;
+    let mut scene = rig::shore(kind, height_m)?;
+    if photons == PhotonLight::AddedUnderRings {
+        let water = &mut scene.water;
+        (water.model, water.noise, water.amplitude_m) = (WaterModel::Circular, 0.0, 0.08);
+        water.waves.clear();
+    }
+    let fixture = rig.fixture(scene, SIZE)?;
+    let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
+    let exact = Composed::new(rig, &known, photons);
+    let shown = exact.draw(rig)?;
+    let unlike = |distortion: f64| share_unlike(&shown, |at| exact.allowed(at, distortion));
+    Ok(Check::new(rig, format!("{}: share of pixels unlike an f64 picture", described(variant)))
+        .within((EDGES, "1"), unlike(DISTORTION))
+        .control("2 % more distortion", unlike(1.02 * DISTORTION)))
+}
+
+/// What a picture is composed from, and its water's surface in triangles.
+struct Composed<'a> {
+    known: &'a NoisySurfaces<'a>,
+    conserving: bool,
     added: bool,
-    godrays: Image,
-    reflection: f32,
+    taps: u32,
     exposure: f64,
+    water: Tracer,
+    caustics: Image,
+    godrays: Image,
+    reflection: Texels,
+    refraction: Texels,
 }
 
-impl Buffers {
-    /// A white surface that faces the camera, with no light but the sky's.
-    fn unlit(depth: wgpu::Texture, exposure: f64) -> Self {
-        let nothing = Image::constant(SIZE[0], SIZE[1], 0.0);
+impl<'a> Composed<'a> {
+    fn new(rig: &Rig<'_>, known: &'a NoisySurfaces<'a>, photons: PhotonLight) -> Self {
+        // Display values are then neither dark nor white.
+        let [exposure, caustics, godrays] = match photons {
+            PhotonLight::Dark => [5.0, 0.0, 0.0],
+            PhotonLight::Conserving => [0.3, 0.5, 1.0],
+            _ => [0.3, 1.0, 1.0],
+        };
+        let light = |seed, most: f64| noise(BUFFER, seed).map(|value| most * value);
+        let water = &known.fixture.scene.water;
+        // The diagonals of the stage's quads, from the upper right to the lower left.
+        let grid = surface((CELLS as usize, CELLS as usize), (false, false), |u, v| {
+            let unit = DVec2::new(1.0 - 2.0 * u, 2.0 * v - 1.0);
+            let xz = DVec2::from(water.center_m) + unit * DVec2::from(water.half_size_m);
+            DVec3::new(xz.x, water.height(xz.x, xz.y), xz.y)
+        });
         Self {
-            albedo: 1.0,
-            depth,
-            normal: Vec3::Z,
-            occlusion: (0, 0.5),
-            caustics: nothing.clone(),
-            pixel_tangent: None,
-            added: false,
-            godrays: nothing,
-            reflection: 0.0,
+            known,
+            conserving: photons == PhotonLight::Conserving,
+            added: matches!(photons, PhotonLight::Added | PhotonLight::AddedUnderRings),
+            taps: if photons == PhotonLight::Dark { TAPS } else { 0 },
             exposure,
+            water: Tracer::new(&[Object::new("water", grid)]),
+            caustics: light(21, caustics),
+            godrays: light(22, godrays),
+            reflection: Texels::noise(rig, MIRROR, 23),
+            refraction: Texels::noise(rig, MIRROR, 24),
         }
     }
 
-    /// Composes the inputs and returns the radiance of each pixel.
-    fn radiance(&self, rig: &Rig<'_>, view: &View) -> Result<Image> {
-        let grey = |value: f32| rig.constant(SIZE, [value, value, value, 1.0]);
-        let gbuffer = GBuffer {
-            albedo: grey(self.albedo)?,
-            normal: rig.constant(SIZE, self.normal.extend(1.0).to_array())?,
-            depth: self.depth.clone(),
-        };
+    fn draw(&self, rig: &Rig<'_>) -> Result<Texels> {
+        let fixture = self.known.fixture;
         let inputs = ComposeInputs {
-            picture: Picture::new(&gbuffer, self.exposure, 0.0),
+            picture: Picture::new(&self.known.gbuffer, self.exposure, 0.0),
             caustics: &rig.grey(&self.caustics),
             godrays: &rig.grey(&self.godrays),
-            reflection: &grey(self.reflection)?,
-            refraction: &grey(0.0)?,
+            reflection: &self.reflection.texture,
+            refraction: &self.refraction.texture,
         };
+        let side = fixture.view.pixel_tangent(BUFFER);
         let settings = PictureUniforms {
-            caustics_scale: self.pixel_tangent.unwrap_or(1.0) as f32,
-            godrays_scale: 1.0,
-            occlusion_taps: self.occlusion.0,
-            occlusion_radius_m: self.occlusion.1 as f32,
-            water_cells: 64,
+            caustics_scale: if self.conserving { side } else { SCALES[0] } as f32,
+            godrays_scale: SCALES[1] as f32,
+            occlusion_taps: self.taps,
+            occlusion_radius_m: RADIUS_M as f32,
+            water_cells: CELLS,
             depth_share: DEPTH_SHARE as f32,
         };
-        let (shared, conserving) = (Shared::new(rig, view), self.pixel_tangent.is_some());
-        let stage = compose::new(rig, &shared, &inputs, &settings, conserving, self.added)?;
-        let shown = rig.draw(&[&stage], stage.texture(), BLUE)?;
-        Ok(shown.map(|value| radiance_of(value, self.exposure)))
+        let (shared, Self { conserving, added, .. }) = (&fixture.shared, self);
+        let stage = compose::new(rig, shared, &inputs, &settings, *conserving, *added)?;
+        rig.run(&[&stage])?;
+        Texels::read(rig, stage.texture())
     }
 
-    /// What caustics add to the radiance of each pixel.
-    fn added(self, rig: &Rig<'_>, view: &View, caustics: Image) -> Result<Image> {
-        let lit = Buffers { caustics, ..self.clone() };
-        self.brightened(lit, rig, view)
+    /// What a pixel may show: at its border either of what meets there.
+    fn allowed(&self, at: (u32, u32), distortion: f64) -> Vec<DVec4> {
+        let places = SHIFTS_PX.map(|shift| self.surface(rig::middle(at) + DVec2::from(shift), at));
+        let wet = places.iter().flatten().map(|place| self.through_surface(at, *place, distortion));
+        let is_dry = places.iter().any(Option::is_none);
+        let dry = if is_dry { self.beside_water(at) } else { Vec::new() };
+        let shafts = self.shafts(rig::middle(at));
+        let deep = self.known.light.is_under_water() || self.known.depth.get(at) < 1.0;
+        let shafts_beside = if deep { shafts } else { DVec3::ZERO };
+        let wet = wet.map(|radiance| radiance + shafts);
+        let dry = dry.into_iter().map(|radiance| radiance + shafts_beside);
+        wet.chain(dry).map(|radiance| displayed(radiance, self.exposure)).collect()
     }
 
-    /// By how much each pixel is brighter in `lit`.
-    fn brightened(self, lit: Buffers, rig: &Rig<'_>, view: &View) -> Result<Image> {
-        let without = self.radiance(rig, view)?;
-        let with = lit.radiance(rig, view)?;
-        Ok(Image::from_fn(SIZE, |x, y| with.get((x, y)) - without.get((x, y))))
+    /// Where the line of sight through a place of the picture, in pixels, meets the water before what a pixel shows.
+    fn surface(&self, px: DVec2, at: (u32, u32)) -> Option<DVec3> {
+        let Fixture { rays, scene, .. } = self.known.fixture;
+        let (_, sight, _) = rays.ray_at(px.x, px.y);
+        let place = self.water.cast(scene.camera.position(), sight, 0.0, f64::MAX)?.position;
+        let seen_m = scene.camera.view_depth_m(self.known.depth.get(at));
+        (rays.project(place)?.w < seen_m).then_some(place)
     }
-}
 
-/// A narrow view under water.
-fn narrow_view(gamma_per_m: f64) -> Result<View> {
-    let mut view = rig::synthetic_view(SIZE, gamma_per_m)?;
-    // So narrow that the path through the water is the same for all pixels.
-    view.camera.fov_y_deg = 1.0;
-    // Deep enough that the surface is not in view.
-    view.camera.position_m[1] = -DEPTH_M;
-    view.camera.target_m[1] = -DEPTH_M;
-    Ok(view)
-}
+    /// Radiances of what is seen without the water's surface before it, with least and most of the sky that is open.
+    fn beside_water(&self, at: (u32, u32)) -> Vec<DVec3> {
+        let (known, px) = (self.known, rig::middle(at));
+        let Some(seen) = known.seen(at) else {
+            return vec![known.light.background(known.sight(at))];
+        };
+        let caustic = self.caustic(px, &seen);
+        let radiance = |open: f64| {
+            let sky = known.light.ambient(seen.position, seen.normal) * open;
+            let light = DVec3::splat(sky + known.light.direct(seen.position, seen.normal));
+            if self.added {
+                known.through_water(&seen, seen.lit(light)) + caustic / PI
+            } else {
+                known.through_water(&seen, seen.lit(light + caustic))
+            }
+        };
+        self.openness(at, &seen).map(radiance).into()
+    }
 
-/// What a white wall sends of the sky's light has come down to it, and on to the viewer.
-fn sky(rig: &Rig<'_>) -> Result<Check> {
-    let sent = |gamma_per_m: f64| -> Result<f64> {
-        let view = narrow_view(gamma_per_m)?;
-        let white = Buffers::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 2.0);
-        let black = Buffers { albedo: 0.0, ..white.clone() };
-        Ok(black.brightened(white, rig, &view)?.mean())
-    };
-    let left = sent(GAMMA_PER_M)? / sent(0.0)?;
-    let error = |way_m: f64| relative_error(left, transmittance(GAMMA_PER_M, way_m));
-    Ok(Check::new(rig, "share that 2 m down and 4 m across leave: relative error")
-        .within((0.02, "1"), error(DEPTH_M + WALL_M))
-        .control("no water above the wall", error(WALL_M)))
-}
+    /// Radiance from the water's surface: what it mirrors and what it lets through, as Fresnel's equations share it out.
+    fn through_surface(&self, (x, y): (u32, u32), place: DVec3, distortion: f64) -> DVec3 {
+        let (known, water) = (self.known, &self.known.fixture.scene.water);
+        let light = &known.light;
+        let under = light.is_under_water();
+        let sight = (place - light.camera_m).normalize();
+        let up = water.normal(place.x, place.z);
+        let [before, behind] =
+            if under { [water.refractive_index, 1.0] } else { [1.0, water.refractive_index] };
+        let cosine = (sight.dot(up) * if under { 1.0 } else { -1.0 }).max(1e-3);
+        let reflected = fresnel_reflectance(cosine, before, behind);
+        let size = UVec2::from(SIZE).as_dvec2();
+        let px = rig::middle((x, y)) + distortion * DVec2::new(up.x, up.z) * size;
+        let seen = [&self.reflection, &self.refraction].map(|buffer| buffer.bilinear(px / size));
 
-/// A wall across the view, with the bands upon it: white where they light it, grey where they are added.
-fn wall(rig: &Rig<'_>, gamma_per_m: f64, added: bool) -> Result<Bands> {
-    let view = narrow_view(gamma_per_m)?;
-    let (columns, rows) = (SIZE[0] / 3, SIZE[1] / 2);
-    let caustics = |x: u32, _| {
-        let within = f64::from(x % columns) + 0.5;
-        CAUSTICS[(x / columns) as usize] + RAMP * (within / f64::from(columns) - 0.5)
-    };
-    let known = Buffers {
-        caustics: Image::from_fn(SIZE, caustics),
-        godrays: Image::from_fn(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
-        albedo: if added { 0.3 } else { 1.0 },
-        added,
-        ..Buffers::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 0.4)
-    };
-    let image = known.radiance(rig, &view)?;
-    let band = |column: u32, row: u32| {
-        let inside = |band: u32, side: u32| band * side + BORDER_PX..(band + 1) * side - BORDER_PX;
-        let pixels = inside(row, rows).flat_map(|y| inside(column, columns).map(move |x| (x, y)));
-        mean(pixels.map(|at| image.get(at)))
-    };
-    Ok([0, 1].map(|row| [0, 1, 2].map(|column| band(column, row))))
-}
+        let mirror = sight - 2.0 * sight.dot(up) * up;
+        let sky = light.sky(DVec3::new(mirror.x, mirror.y.abs(), mirror.z));
+        let background = if under { light.deep_water() } else { sky };
+        let mirrored = over(seen[0], background);
+        let through = match refract(sight, up, before, behind) {
+            _ if !under => over(seen[1], light.deep_water()) + self.caustics_below(px),
+            Some(direction) => over(seen[1], light.sky(direction)),
+            None => DVec3::ZERO,
+        };
+        let radiance = reflected * mirrored + (1.0 - reflected) * through;
+        let way_m = if under { place.distance(light.camera_m) } else { 0.0 };
+        light.fogged(radiance, way_m)
+    }
 
-/// A scene in clear and dry water, of whose surface nothing is drawn.
-fn dry(rig: &Rig<'_>, mut scene: Scene) -> Result<(Fixture, wgpu::Texture)> {
-    scene.water.attenuation_per_m = 0.0;
-    scene.water.half_size_m = [1e-3; 2];
-    let fixture = rig.fixture(scene, SIZE)?;
-    let depth = rig.gbuffer(&fixture)?.depth;
-    Ok((fixture, depth))
-}
+    /// What caustics add to what is seen through the water from above.
+    fn caustics_below(&self, px: DVec2) -> DVec3 {
+        let seen = self.known.surface(px, [px.x as i64, px.y as i64]);
+        let caustic = self.caustic(px, &seen);
+        let light = &self.known.light;
+        if self.added {
+            return caustic / PI;
+        }
+        seen.lit(caustic) * transmittance(light.attenuation_per_m, light.wet_m(seen.position))
+    }
 
-/// Caustics or godrays in a smaller buffer, each texel of its own brightness: a texel counts for the pixels whose surface it is on.
-fn upscaled(rig: &Rig<'_>, buffer: &str, lit: impl Fn(Buffers, Image) -> Buffers) -> Result<Check> {
-    const BUFFER: [u32; 2] = [61, 41];
-    const MIN_WEIGHT: f64 = 1e-3;
-    let (fixture, drawn) = dry(rig, Scene::load("tank")?)?;
-    let depth = rig.channel(&drawn, 0)?;
-    let view_m = |z: f64| fixture.view.camera.view_depth_m(z);
-    let texels = noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
-    let dark = Buffers::unlit(drawn, 0.8);
-    let lit = lit(dark.clone(), texels.clone());
-    let light = dark.brightened(lit, rig, &fixture.view)?;
-    let twin = |x: u32, y: u32, share: f64| {
-        let place = [0, 1].map(|k| {
-            (f64::from([x, y][k]) + 0.5) * f64::from(BUFFER[k]) / f64::from(SIZE[k]) - 0.5
-        });
-        let own_m = view_m(depth.get((x, y)));
-        let (mut sum, mut weights, mut all) = (0.0, 0.0, 0.0);
-        for corner in 0..4 {
-            let base = [0, 1].map(|k| place[k].floor() + f64::from(corner >> k & 1));
-            let weight = (1.0 - (place[0] - base[0]).abs()) * (1.0 - (place[1] - base[1]).abs());
-            let texel = [0, 1].map(|k| base[k].clamp(0.0, f64::from(BUFFER[k]) - 1.0) as i64);
-            let [column, row] = pixel_behind(texel.map(|k| k as f64), BUFFER, SIZE);
-            let off = (view_m(depth.clamped(column, row)) - own_m).abs() / own_m;
-            let value = texels.clamped(texel[0], texel[1]);
+    /// Irradiance of the photons. UW §3.3's intensities are scaled; flux is over the area that a buffer's pixel covers: that across the line of sight over
+    /// the cosine to the normal, of which a tenth counts at least.
+    fn caustic(&self, px: DVec2, seen: &SeenSurface) -> DVec3 {
+        let flux = self.on_surface(&self.caustics, px);
+        if !self.conserving {
+            return flux * SCALES[0] * WATER_TINT;
+        }
+        let away = seen.position - self.known.light.camera_m;
+        let cosine = (away.normalize().dot(seen.normal)).abs().max(0.1);
+        let across_m2 = self.pixel_sr(px) * away.length_squared();
+        flux * cosine / across_m2 * WATER_TINT
+    }
+
+    /// Solid angle of a buffer's pixel.
+    fn pixel_sr(&self, px: DVec2) -> f64 {
+        const H: f64 = 1e-3;
+        let sight = |x: f64, y: f64| self.known.fixture.rays.ray_at(px.x + x, px.y + y).1;
+        let [across, down] =
+            [sight(H, 0.0) - sight(-H, 0.0), sight(0.0, H) - sight(0.0, -H)].map(|d| d / (2.0 * H));
+        let pixels = |size: [u32; 2]| f64::from(size[0] * size[1]);
+        across.cross(down).length() * pixels(SIZE) / pixels(BUFFER)
+    }
+
+    fn shafts(&self, px: DVec2) -> DVec3 {
+        self.on_surface(&self.godrays, px) * SCALES[1] * SHAFT_TINT
+    }
+
+    /// What a buffer holds on the surface that is seen at a place of the picture, in pixels: between those of the four texels around it that lie on that
+    /// surface, or between all where none does.
+    fn on_surface(&self, buffer: &Image, px: DVec2) -> f64 {
+        let depth = &self.known.depth;
+        let view_m =
+            |[x, y]: [i64; 2]| self.known.fixture.scene.camera.view_depth_m(depth.clamped(x, y));
+        let own_m = view_m([px.x, px.y].map(|k| (k + 1e-3).floor() as i64));
+        let (mut all, mut near) = (0.0, DVec2::ZERO);
+        for (weight, texel) in corners(px / UVec2::from(SIZE).as_dvec2(), BUFFER) {
+            let texel = [0, 1].map(|k| texel[k].clamp(0, i64::from(BUFFER[k]) - 1));
+            let there_m = view_m(pixel_behind(texel.map(|k| k as f64), BUFFER, SIZE));
+            let value = buffer.clamped(texel[0], texel[1]);
             all += weight * value;
-            if off <= share {
-                sum += weight * value;
-                weights += weight;
+            if (there_m - own_m).abs() <= DEPTH_SHARE * own_m {
+                near += weight * DVec2::new(value, 1.0);
             }
         }
-        if weights < MIN_WEIGHT { all } else { sum / weights }
-    };
-    let errors = |share: f64| {
-        let seen_pixels = pixels(SIZE).filter(|at| depth.get(*at) < 1.0);
-        let error = |(x, y)| (light.get((x, y)) - twin(x, y, share) / PI).abs();
-        percentile::<95>(seen_pixels.map(error)) / light.mean()
-    };
-    // Steps of an 8-bit display; a few pixels may decide otherwise in f32.
-    let what = format!(
-        "{buffer} within surfaces: 95th percentile of |difference from the twin|, of the mean"
-    );
-    Ok(Check::new(rig, what)
-        .within((0.03, "1"), errors(DEPTH_SHARE))
-        .control("texels of all surfaces", errors(f64::INFINITY)))
+        if near.y < MIN_WEIGHT { all } else { near.x / near.y }
+    }
+
+    /// Share of the sky that nearby geometry leaves open, at least and at most: taps fall into texels, and rounding sends those at a border to either.
+    fn openness(&self, at: (u32, u32), seen: &SeenSurface) -> [f64; 2] {
+        let taps = self.taps;
+        let Fixture { rays, scene, .. } = self.known.fixture;
+        let view_m = rays.project(seen.position).map_or(f64::NAN, |place| place.w);
+        let half_height = (0.5 * scene.camera.fov_y_deg.to_radians()).tan();
+        let radius_px = 0.5 * f64::from(SIZE[1]) * RADIUS_M / (view_m * half_height);
+        // Interleaved gradient noise (Jimenez 2014), and a spiral of golden angles.
+        let gradient = 0.067_110_56 * f64::from(at.0) + 0.005_837_15 * f64::from(at.1);
+        let turn = TAU * (52.982_918_9 * gradient.fract()).fract();
+        let golden = PI * (3.0 - 5f64.sqrt());
+        let mut blocked = [0.0; 2];
+        for i in (0..taps).map(f64::from) {
+            let r_px = radius_px * ((i + 0.5) / f64::from(taps)).sqrt();
+            let px = rig::middle(at) + r_px * DVec2::from_angle(i * golden + turn);
+            // Rounding of the turn in f32: 5e-4 rad.
+            let around =
+                SHIFTS_PX.map(|shift| self.blocked(seen, px + 0.016 * r_px * DVec2::from(shift)));
+            blocked[0] += around.into_iter().fold(f64::INFINITY, f64::min);
+            blocked[1] += around.into_iter().fold(0.0, f64::max);
+        }
+        blocked.map(|sum| 1.0 - sum / f64::from(taps.max(1)))
+    }
+
+    /// What of the sky the surface at a place of the picture takes: the nearer it is and the higher over the tangent plane.
+    fn blocked(&self, seen: &SeenSurface, px: DVec2) -> f64 {
+        let texel = px.floor();
+        let [x, y] = [texel.x as i64, texel.y as i64];
+        if !self.known.depth.contains(x, y) {
+            return 0.0;
+        }
+        let away = self.known.surface(texel + 0.5, [x, y]).position - seen.position;
+        let (d, floor) = (away.length(), 1e-4 * RADIUS_M);
+        let rise = (away.dot(seen.normal) / d.max(floor) - 0.1).clamp(0.0, 1.0);
+        (1.0 - d / RADIUS_M).max(0.0) * rise
+    }
 }
 
-/// The same flux in every pixel of a level floor under a wide view: irradiance is flux over the area that the pixel shows.
-fn conserved(rig: &Rig<'_>) -> Result<Check> {
-    const FLUX_W: f64 = 0.01;
-    /// Less is lost in the steps of an 8-bit display.
-    const MIN_W_M2: f64 = 0.2;
-    let mut scene = rig::flat_plane(LightKind::Directional)?;
-    scene.camera = Camera::new([0.0, -0.5, 1.0], [0.3, -3.0, -0.5], 90.0, [0.1, 20.0]);
-    let (fixture, depth) = dry(rig, scene)?;
-    let dark = Buffers {
-        normal: Vec3::Y,
-        pixel_tangent: Some(fixture.view.pixel_tangent(SIZE)),
-        ..Buffers::unlit(depth, 0.8)
-    };
-    let flux = Image::constant(SIZE[0], SIZE[1], FLUX_W);
-    let light = dark.added(rig, &fixture.view, flux)?;
-    let (camera, floor_m) = (&fixture.scene.camera, -fixture.scene.floor_depth_m);
-    let errors = |power: i32| {
-        percentile::<90>(pixels(SIZE).filter_map(|at| {
-            let hit = fixture.hit(at)?;
-            let area = rig::area_shown(&fixture.rays, at, (DVec3::Y * floor_m, DVec3::Y));
-            let sight = (hit.position - camera.position()).normalize();
-            let exact = FLUX_W / area * sight.dot(camera.direction()).powi(power);
-            (exact > MIN_W_M2).then(|| relative_error(light.get(at) * PI, exact))
-        }))
-    };
-    Ok(Check::new(rig, "flux over area: 90th percentile of the irradiance's relative error")
-        .within((0.03, "1"), errors(0))
-        .control("pixels as large at the rim as in the middle", errors(3)))
-}
-
-/// Ambient light with occlusion over that without.
-fn occlusion(rig: &Rig<'_>) -> Checks {
-    /// Mean of this scene, from when each pixel agreed with an f64 copy of the algorithm within the steps of an 8-bit display: 0.96537 on lavapipe
-    /// (Mesa 22.3), 0.96525 on SwiftShader.
-    const MEAN: f64 = 0.9653;
-    let openness = |scene: Scene, radius_m: f64| -> Result<Vec<f64>> {
-        let (fixture, drawn) = dry(rig, scene)?;
-        let known = Buffers { normal: Vec3::Y, ..Buffers::unlit(drawn, 2.0) };
-        let open = known.radiance(rig, &fixture.view)?;
-        let occluded =
-            Buffers { occlusion: (16, radius_m), ..known }.radiance(rig, &fixture.view)?;
-        // The lower half of the picture is all under water, where no direct light saturates the display.
-        let seen_pixels = pixels(SIZE).filter(|(_, y)| *y >= SIZE[1] / 2);
-        Ok(seen_pixels.map(|at| occluded.get(at) / open.get(at)).collect())
-    };
-    let tank = |radius_m: f64| openness(Scene::load("tank")?, radius_m);
-    let (found, wider) = (tank(0.5)?, tank(0.6)?);
-    let off = |found: &[f64]| (mean(found.iter().copied()) - MEAN).abs();
-    let closed = |found: &[f64]| largest(found.iter().map(|open| 1.0 - open));
-    Ok(vec![
-        Check::new(
-            rig,
-            "screen-space ambient occlusion: mean openness against that of an f64 copy",
-        )
-        .within((2e-4, "1"), off(&found))
-        .control("a radius 20 % greater", off(&wider)),
-        Check::new(rig, "screen-space ambient occlusion of a plane: largest")
-            .within((0.01, "1"), closed(&openness(Scene::load("plane")?, 0.5)?))
-            .control("of scene tank", closed(&found)),
-    ])
-}
-
-/// Flat water between a white reflection and a black refraction shows its reflectance.
-fn fresnel(rig: &Rig<'_>) -> Checks {
-    let unlit = Buffers::unlit(rig.depth(SIZE, 1.0)?, 1.5);
-    let known = Buffers { albedo: 0.0, reflection: 1.0, ..unlit };
-    let check = |(height_m, name, target_z): (f64, &str, f64)| {
-        let side = f64::signum(height_m);
-        let mut view = rig::synthetic_view(SIZE, 0.0)?;
-        view.camera.position_m = [0.0, height_m, 2.0];
-        view.camera.target_m = [0.0, height_m - 1.5 * side, target_z];
-        view.camera.fov_y_deg = 30.0;
-        let (image, rays) = (known.radiance(rig, &view)?, rig::rays(&view));
-        let error = |index: f64| {
-            let (outer, inner) = if side > 0.0 { (1.0, index) } else { (index, 1.0) };
-            let exact = |x, y| fresnel_reflectance(-side * rays.ray(x, y).1.y, outer, inner);
-            difference(&image, &Image::from_fn(SIZE, exact))
-        };
-        let what = format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean");
-        Ok(Check::new(rig, what)
-            .within((0.02, "1"), error(view.water.refractive_index))
-            .control("refractive index 1.40", error(1.40)))
-    };
-    // From below the view crosses the critical angle, 48.8° from the vertical. The nearest water is within the near plane's distance.
-    let cases = [(1.5, "above", -1.5), (-1.5, "below", 0.8), (-0.02, "2 cm below", 0.8)];
-    cases.into_iter().map(check).collect()
+/// A colour with its coverage before another.
+fn over(seen: DVec4, behind: DVec3) -> DVec3 {
+    behind.lerp(seen.truncate(), seen.w)
 }

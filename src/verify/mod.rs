@@ -21,6 +21,7 @@ mod ldi;
 mod light;
 mod lines;
 mod occlusion;
+mod picture;
 mod planar;
 mod prelude;
 mod refraction;

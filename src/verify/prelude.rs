@@ -2,6 +2,7 @@
 
 pub use std::f64::consts::{PI, TAU};
 
+pub use crate::picture::*;
 pub use crate::rig::{self, Fixture, Random, Rig, noise};
 pub use crate::statistics::*;
 pub use crate::{Case, Check, Checks, Result, VerifyError};
@@ -24,4 +25,4 @@ pub use fathom_stages::splatting::PHOTONS_PER_INSTANCE;
 pub use fathom_stages::transfer::map;
 pub use fathom_stages::uniforms::{Shared, View};
 pub use fathom_stages::voxels::Voxels;
-pub use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec2, Vec3};
+pub use glam::{DMat3, DQuat, DVec2, DVec3, DVec4, EulerRot, UVec2, Vec2, Vec3};

@@ -1,6 +1,7 @@
 //! `refraction/compose` and `refraction/surface`: pictures of what lines of sight meet behind glass and behind the water, against exact rays.
 
 use crate::prelude::*;
+use fathom_reference::picture::{PictureLight, SKY_SHARE};
 use fathom_reference::specular::{Ray, Surfaces};
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::{Exits, compose, surface};
@@ -12,45 +13,68 @@ const MIN_STEPS: u32 = 8;
 const EXPOSURE: f64 = 0.4;
 
 pub fn cases() -> Vec<Case> {
-    vec![
-        Case::new(compose::INFO.name, "the environment", environment),
+    let kinds = [LightKind::Directional, LightKind::Point];
+    let what = |kind| format!("pixel by pixel, {kind:?} light");
+    let mut cases: Vec<Case> = Case::each(compose::INFO.name, kinds, what, composed).collect();
+    cases.extend([
         Case::new(compose::INFO.name, "opaque objects through glass", opaque_through_glass),
         Case::new(surface::INFO.name, "waves from above", |rig| water_surface(rig, true)),
         Case::new(surface::INFO.name, "waves from below", |rig| water_surface(rig, false)),
-    ]
+    ]);
+    cases
 }
 
-/// Weighted mean radiance of the environment over some directions, over the irradiance: from when each colour agreed with the cube's description within
-/// the steps of an 8-bit display, on lavapipe (Mesa 22.3) and SwiftShader.
-const ENVIRONMENT: f64 = 0.14843;
-
-fn environment(rig: &Rig<'_>) -> Result<Check> {
-    const SMALL: [u32; 2] = [4, 4];
-    const DIRECTIONS: u32 = 96;
-    let fixture = rig.fixture(Scene { objects: Vec::new(), ..Scene::load("slab")? }, SMALL)?;
-    let gbuffer = rig.gbuffer(&fixture)?;
-    let off = |turned_deg: f64| -> Result<f64> {
-        let (turn, mut random) = (DQuat::from_rotation_y(turned_deg.to_radians()), Random::new(11));
-        let mut sum = 0.0;
-        for _ in 0..DIRECTIONS {
-            let [direction, weights] =
-                [-1.0, 0.0].map(|low| DVec3::from([(); 3].map(|()| random.within(low, 1.0))));
-            let exit = (turn * direction.normalize()).as_vec3().extend(0.0).to_array();
-            let exits = Exits {
-                positions: rig.constant(SMALL, [0.0, 0.0, 0.0, 1.0])?,
-                directions: rig.constant(SMALL, exit)?,
-            };
-            let stage = compose::new(rig, &fixture.shared, &gbuffer, &exits, None, EXPOSURE)?;
-            rig.run(&[&stage])?;
-            let color = rig.vectors(stage.texture())?[5];
-            sum += color.map(|value| radiance_of(value, EXPOSURE)).dot(weights);
-        }
-        let mean = sum / f64::from(DIRECTIONS) / fixture.view.irradiance();
-        Ok(relative_error(mean, ENVIRONMENT))
+/// Surfaces of noise before the environment, in front of which every third pixel has glass and every third has it behind.
+fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
+    let mut scene = ball_before(1.5)?;
+    scene.light.kind = kind;
+    let fixture = rig.fixture(scene, SIZE)?;
+    let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
+    let mut random = Random::new(11);
+    let directions = Texels::new(rig, SIZE, |_| random.direction().extend(0.0));
+    let glass_m = |(x, y): (u32, u32)| [0.0, 0.1, 1e3][((x + y) % 3) as usize];
+    let positions = Texels::new(rig, SIZE, |at| DVec3::ZERO.extend(glass_m(at)));
+    let exits = Exits { positions: positions.texture, directions: directions.texture.clone() };
+    // Rays behind glass take no steps: opaque objects through it are the other case's.
+    let stage = compose::new(rig, &fixture.shared, &known.gbuffer, &exits, None, EXPOSURE)?;
+    rig.run(&[&stage])?;
+    let shown = Texels::read(rig, stage.texture())?;
+    let light = &known.light;
+    let unlike = |tiles: f64| {
+        share_unlike(&shown, |at| {
+            let way_m = known.seen(at).map(|seen| seen.position.distance(light.camera_m));
+            let is_glass = glass_m(at) > 0.0 && way_m.is_none_or(|way_m| glass_m(at) < way_m);
+            let direction = if is_glass { directions.get(at).truncate() } else { known.sight(at) };
+            let behind = environment(direction, tiles) * light.irradiance / PI;
+            let radiance = known.seen(at).filter(|_| !is_glass).map_or(behind, |seen| {
+                let cosine = seen.normal.dot(light.to_light(seen.position)).max(0.0);
+                seen.lit(DVec3::splat(light.irradiance * (SKY_SHARE + cosine)))
+            });
+            vec![displayed(radiance, EXPOSURE)]
+        })
     };
-    Ok(Check::new(rig, "weighted mean radiance in 96 directions against that of its description")
-        .within((2e-3, "1"), off(0.0)?)
-        .control("turned by a degree", off(1.0)?))
+    // Directions in 16-bit floats fall on edges of the cube.
+    Ok(Check::new(rig, format!("{kind:?}: share of pixels unlike an f64 picture"))
+        .within((0.5 * EDGES, "1"), unlike(12.0))
+        .control("a hundredth of a tile more on a side", unlike(12.01)))
+}
+
+/// What a white light is sent back as by the inside of a cube: sides of so many tiles, each side of a colour, every second tile dark, joints darker.
+/// Tuned for its looks.
+fn environment(direction: DVec3, tiles: f64) -> DVec3 {
+    const COLORS: [[[f64; 3]; 2]; 3] = [
+        [[0.2, 0.5, 0.25], [0.65, 0.2, 0.16]],
+        [[0.75, 0.8, 0.85], [0.55, 0.42, 0.3]],
+        [[0.25, 0.35, 0.6], [0.8, 0.6, 0.25]],
+    ];
+    let axis = direction.abs().max_position();
+    let across = [0, 1, 2].into_iter().filter(|other| *other != axis);
+    let place = across.map(|other| (direction[other] / direction[axis].abs() * 0.5 + 0.5) * tiles);
+    let place: Vec<f64> = place.collect();
+    let is_joint = place.iter().any(|at| (at.fract() - 0.5).abs() > 0.5 - 0.025);
+    let is_bright = place.iter().map(|at| at.floor()).sum::<f64>() % 2.0 == 1.0;
+    let shade = [[0.35, 1.0], [0.1; 2]][usize::from(is_joint)][usize::from(is_bright)];
+    shade * DVec3::from(COLORS[axis][usize::from(direction[axis] < 0.0)])
 }
 
 /// Scene glass with one ball of glass of an index, which is the first object, before the opaque objects.
@@ -66,7 +90,7 @@ fn ball_before(index: f32) -> Result<Scene> {
 }
 
 /// Pixels that show glass, and pictures with the ball and without.
-fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Vec<DVec3>; 2])> {
+fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Texels; 2])> {
     let fixture = rig.fixture(ball_before(index)?, SIZE)?;
     let Fixture { shared, geometry, scene, .. } = &fixture;
     let gbuffer = rig.gbuffer(&fixture)?;
@@ -80,7 +104,7 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Vec<DVec3
         let opaque = Some(scene.solid_bounds());
         let stage = compose::new(rig, shared, &gbuffer, exits, opaque, EXPOSURE)?;
         rig.run(&[&stage])?;
-        rig.vectors(stage.texture())
+        Texels::read(rig, stage.texture())
     };
     let pictures = [picture(&trace.output)?, picture(&none)?];
     let glass = rig.channel(&trace.positions, 3)?;
@@ -89,9 +113,9 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Vec<DVec3
 
 fn opaque_through_glass(rig: &Rig<'_>) -> Checks {
     // Two steps of eight bits.
-    let differ = |a: DVec3, b: DVec3| (a - b).abs().max_element() > 2.5 / 255.0;
-    let changed = |[glass, plain]: &[Vec<DVec3>; 2]| {
-        share(glass.iter().zip(plain).map(|(glass, plain)| differ(*glass, *plain)))
+    let differ = |a: DVec4, b: DVec4| (a - b).abs().max_element() > 2.5 / 255.0;
+    let changed = |[glass, plain]: &[Texels; 2]| {
+        share(pixels(SIZE).map(|at| differ(glass.get(at), plain.get(at))))
     };
     let (_, _, straight) = through_ball(rig, 1.0)?;
     let (fixture, glass, bent) = through_ball(rig, 1.4)?;
@@ -108,11 +132,10 @@ fn opaque_through_glass(rig: &Rig<'_>) -> Checks {
             let end = tracer.cast(origin, direction, 1e-6, f64::MAX)?.position;
             let seen = tracer.cast(eye, (end - eye).normalize(), 0.0, f64::MAX)?;
             let at = fixture.rays.project(end).filter(|_| fixture.in_view(end))?;
-            let pixel = |x: u32, y: u32| y as usize * SIZE[0] as usize + x as usize;
-            let own = pixel(x, y);
             let expected =
-                bent[1][if is_straight { own } else { pixel(at.x_px as u32, at.y_px as u32) }];
-            (seen.position.distance(end) < 1e-2).then(|| differ(bent[0][own], expected))
+                bent[1].get(if is_straight { (x, y) } else { (at.x_px as u32, at.y_px as u32) });
+            let is_seen = seen.position.distance(end) < 1e-2;
+            is_seen.then(|| differ(bent[0].get((x, y)), expected))
         }))
     };
     let of = |what: &str| Check::new(rig, format!("opaque objects through glass: {what}"));
@@ -158,8 +181,9 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     let shown = rig.draw(&[&stage], stage.texture(), RED)?;
     let seen = pixels(SIZE).filter(|(x, y)| x % 4 == 1 && y % 4 == 1);
     let met: Vec<_> = seen.map(|at| (at, meet(&fixture, at))).collect();
+    let light = fixture.light();
     let error = |index: f64| {
-        let water = WetFloor { fixture: &fixture, index };
+        let water = WetFloor { fixture: &fixture, light: &light, index };
         percentile::<75>(met.iter().filter_map(|&(at, met)| {
             let exact = water.radiance(at, met)?;
             Some((radiance_of(shown.get(at), EXPOSURE) - exact).abs() / exact)
@@ -205,6 +229,7 @@ fn meet(fixture: &Fixture, (x, y): (u32, u32)) -> SightHits {
 /// What is seen of a floor through water, in red.
 struct WetFloor<'a> {
     fixture: &'a Fixture,
+    light: &'a PictureLight,
     index: f64,
 }
 
@@ -217,13 +242,13 @@ impl WetFloor<'_> {
         let shown = gradient(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let Some((entry, normal, way_m)) = met else {
             let path_m = floor_m?;
-            return Some(if under { self.fogged(shown, path_m) } else { shown });
+            return Some(if under { self.through(shown, path_m) } else { shown });
         };
         let [before, behind] = if under { [self.index, 1.0] } else { [1.0, self.index] };
         // What ends out of view is taken from straight behind the surface.
         let straight = match floor_m {
-            Some(floor_m) => self.fogged(shown, floor_m - way_m),
-            None => self.fogged(0.0, self.fixture.scene.camera.z_far_m),
+            Some(floor_m) => self.through(shown, floor_m - way_m),
+            None => self.through(0.0, self.fixture.scene.camera.z_far_m),
         };
         let reflected = fresnel_reflectance(sight.dot(normal).abs(), before, behind);
         let mirrored = sight - 2.0 * sight.dot(normal) * normal;
@@ -234,12 +259,12 @@ impl WetFloor<'_> {
         if let Some(refracted) = refract(sight, normal, before, behind) {
             radiance += (1.0 - reflected) * self.along(entry, refracted, straight)?;
         }
-        Some(if under { self.fogged(radiance, way_m) } else { radiance })
+        Some(if under { self.through(radiance, way_m) } else { radiance })
     }
 
     fn along(&self, place: DVec3, direction: DVec3, straight: f64) -> Option<f64> {
         if direction.y > 0.0 {
-            return Some(self.sky(direction));
+            return Some(self.light.sky(direction).x);
         }
         let hit = self.fixture.tracer.cast(place, direction, 0.0, f64::MAX);
         let seen = hit.and_then(|hit| Some((hit, self.fixture.rays.project(hit.position)?)));
@@ -250,22 +275,12 @@ impl WetFloor<'_> {
         match seen.filter(|(_, at)| inside(at, 2.0)) {
             None => Some(straight),
             Some((hit, at)) => {
-                inside(&at, -2.0).then(|| self.fogged(gradient(at.x_px, at.y_px), hit.distance_m))
+                inside(&at, -2.0).then(|| self.through(gradient(at.x_px, at.y_px), hit.distance_m))
             }
         }
     }
 
-    /// `shaders/shared/shading.wgsl`: Beer's law, and the water's own colour in red.
-    fn fogged(&self, radiance: f64, path_m: f64) -> f64 {
-        let t = transmittance(self.fixture.scene.water.attenuation_per_m, path_m);
-        radiance * t + 0.004 * self.fixture.view.irradiance() / PI * (1.0 - t)
-    }
-
-    /// The same: a gradient in red, and the sun.
-    fn sky(&self, direction: DVec3) -> f64 {
-        let forward = self.fixture.view.light_frame().forward;
-        let up = direction.y.clamp(0.0, 1.0).sqrt();
-        let sun = 20.0 * direction.dot(-forward).max(0.0).powf(600.0);
-        self.fixture.view.irradiance() / PI * ((0.45 + (0.14 - 0.45) * up) * 0.5 + sun)
+    fn through(&self, radiance: f64, path_m: f64) -> f64 {
+        self.light.fogged(DVec3::splat(radiance), path_m).x
     }
 }

@@ -11,10 +11,10 @@ use fathom_gpu::{
 };
 use fathom_pipelines::{BuiltPipeline, PipelineInstance, caustics_image};
 use fathom_reference::image::Image;
-use fathom_reference::optics::transmittance;
 use fathom_reference::photons::place_in_grid;
+use fathom_reference::picture::PictureLight;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene};
+use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene, WaterModel, Wave};
 use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
@@ -55,6 +55,11 @@ impl Fixture {
     /// What a pixel shows exactly.
     pub fn hit(&self, (x, y): (u32, u32)) -> Option<Hit> {
         Some(self.rays.cast(&self.tracer, x, y)?.0)
+    }
+
+    /// What light the picture is in without photons.
+    pub fn light(&self) -> PictureLight {
+        PictureLight::new(&self.scene.camera, &self.scene.light, &self.scene.water)
     }
 
     /// Whether a place appears on the picture, hidden or not.
@@ -158,14 +163,6 @@ impl<'g> Rig<'g> {
         Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel))
     }
 
-    /// Three channels of a texture as vectors, in rows.
-    pub fn vectors(&self, texture: &wgpu::Texture) -> Result<Vec<DVec3>> {
-        let pixels = read_texture(self.gpu, texture)?;
-        let vector = |texel: &[f32]| DVec3::new(texel[0].into(), texel[1].into(), texel[2].into());
-        let texels = pixels.data.chunks_exact(pixels.channels as usize);
-        Ok(texels.map(vector).collect())
-    }
-
     pub fn read_photons(&self, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
         photons.read(self.gpu)
     }
@@ -266,6 +263,32 @@ pub fn flat_plane(kind: LightKind) -> Result<Scene> {
     Ok(scene)
 }
 
+/// The port with waves across each other, seen from so far above the water or below it. A directional light shines into the camera, a point light
+/// stands near.
+pub fn shore(kind: LightKind, height_m: f64) -> Result<Scene> {
+    let mut scene = Scene::load("port")?;
+    // Without what is as small as a pixel, and with an open horizon.
+    let is_kept = |name: &str| {
+        ["stone", "bollard", "rope", "back quay"].iter().all(|part| !name.contains(part))
+    };
+    scene.objects.retain(|object| is_kept(&object.name));
+    scene.light.kind = kind;
+    scene.light.direction = [-0.1, -0.3, 0.95];
+    scene.light.position_m = [3.0, 2.5, -1.0];
+    // So near the surface that what is seen is on both sides of it.
+    scene.camera = Camera::new([2.0, height_m, 3.5], [1.0, 0.0, -3.0], 70.0, [0.3, 26.0]);
+    let wave = |direction, wavelength_m, phase_rad| Wave {
+        direction,
+        wavelength_m,
+        amplitude_m: 0.05,
+        phase_rad,
+    };
+    scene.water.model = WaterModel::Waves;
+    scene.water.waves = vec![wave([1.0, 0.3], 1.1, 0.4), wave([0.2, 1.0], 1.9, 2.0)];
+    scene.water.half_size_m = [6.0, 5.0];
+    Ok(scene)
+}
+
 /// What a frame of a scene is seen from. The edge threshold is the pipeline's default.
 pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
     View {
@@ -285,6 +308,11 @@ pub fn rays(view: &View) -> PixelRays {
     PixelRays::new(&view.camera, view.size_px.x, view.size_px.y)
 }
 
+/// The middle of a pixel, in pixels.
+pub fn middle((x, y): (u32, u32)) -> DVec2 {
+    DVec2::new(x.into(), y.into()) + 0.5
+}
+
 /// Device depth in the middle of a view, at a distance ahead.
 pub fn depth_ahead(view: &View, distance_m: f64) -> f64 {
     let place = view.camera.position() + view.camera.direction() * distance_m;
@@ -299,13 +327,6 @@ pub fn area_shown(rays: &PixelRays, (x, y): (u32, u32), (middle, normal): (DVec3
     };
     let diagonal = on_plane(x + 1, y + 1) - on_plane(x, y);
     0.5 * diagonal.cross(on_plane(x, y + 1) - on_plane(x + 1, y)).length()
-}
-
-/// Share of the light that flat water lets through from a place below it to a camera.
-pub fn through_water(scene: &Scene, place: DVec3) -> f64 {
-    let camera = scene.camera.position();
-    let below = if camera.y <= 0.0 { 1.0 } else { -place.y / (camera.y - place.y) };
-    transmittance(scene.water.attenuation_per_m, camera.distance(place) * below.max(0.0))
 }
 
 /// Where photons start within the cells of a light's grid: off the middle.
@@ -369,5 +390,9 @@ impl Random {
 
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.number()
+    }
+
+    pub fn direction(&mut self) -> DVec3 {
+        DVec3::from([(); 3].map(|()| self.within(-1.0, 1.0))).normalize()
     }
 }

@@ -1,6 +1,7 @@
-//! `sprites/draw` and `sprites/compose` against Eq. 1, the photons' flux, and Lambert's and Beer's laws.
+//! `sprites/draw` and `sprites/compose` against Eq. 1, the photons' flux, and the f64 picture of known light.
 
 use crate::prelude::*;
+use fathom_reference::picture::{SHAFT_TINT, WATER_TINT};
 use fathom_stages::picture::Shafts;
 use fathom_stages::sprites::compose::{self, SpriteOutput};
 use fathom_stages::sprites::draw::{self, Sprite};
@@ -19,7 +20,7 @@ pub fn cases() -> Vec<Case> {
             shape(rig, &SpriteScene::strewn(rig, [[0.02, 0.98], [0.9, 0.98]], 100.0)?)
         }),
         Case::new(draw::INFO.name, "behind a wall", hidden),
-        Case::new(compose::INFO.name, "light of sprites", composed),
+        Case::new(compose::INFO.name, "light of sprites, sky and shafts pixel by pixel", composed),
     ]
 }
 
@@ -146,45 +147,56 @@ fn facing_shape(rig: &Rig<'_>) -> Result<Check> {
         .control("in the receiver's plane", errors(DVec3::Y)))
 }
 
-/// Radiance that known irradiance adds to a grey floor, against Lambert's law and Beer's; and that shafts add to what is behind them.
+/// The port, of whose pixels some are above the water and some below, with known light of sprites and shafts.
 fn composed(rig: &Rig<'_>) -> Checks {
-    const EXPOSURE: f64 = 0.4;
-    const SHAFT_W: f64 = 1.5;
-    const SHAFT_SCALE: f64 = 0.2;
-    /// Where the tint of shafts is 1.
-    const BLUE: usize = 2;
-    let fixture = rig.fixture(rig::flat_plane(LightKind::Directional)?, SIZE)?;
-    let gbuffer = rig.gbuffer(&fixture)?;
-    let constant = |value: f64| rig.grey(&Image::constant(SIZE[0], SIZE[1], value));
-    let shaft = constant(SHAFT_W);
-    let radiance = |irradiance: f64, shafts| -> Result<Image> {
-        let composed = SpriteOutput::Picture { shafts, exposure: EXPOSURE };
-        let light = constant(irradiance);
-        let stage = compose::new(rig, &fixture.shared, &gbuffer, &light, &composed)?;
-        let shown = rig.draw(&[&stage], stage.texture(), BLUE)?;
-        Ok(shown.map(|value| radiance_of(value, EXPOSURE)))
-    };
-    let (dark, light) = (radiance(0.0, None)?, radiance(6.0, None)?);
-    let crossed = radiance(0.0, Some(Shafts { flux: &shaft, scale: SHAFT_SCALE }))?;
-    let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
-    let errors = |irradiance: f64| {
-        percentile::<90>(pixels(SIZE).filter_map(|at| {
-            let through = rig::through_water(&fixture.scene, fixture.hit(at)?.position);
-            let exact = albedo.get(at) / PI * irradiance * through;
-            Some((light.get(at) - dark.get(at) - exact).abs() / exact)
-        }))
-    };
-    let of_shafts = |scale: f64| {
-        let added = pixels(SIZE).map(|at| crossed.get(at) - dark.get(at));
-        percentile::<90>(added.map(|added| relative_error(added, SHAFT_W * scale)))
-    };
-    // Steps of an 8-bit display.
-    Ok(vec![
-        Check::new(rig, "90th percentile of the added radiance's relative error")
-            .within((0.03, "1"), errors(6.0))
-            .control("6 % more light expected", errors(6.36)),
-        Check::new(rig, "90th percentile of the relative error of the shafts' radiance")
-            .within((0.03, "1"), of_shafts(SHAFT_SCALE))
-            .control("a scale 6 % larger", of_shafts(1.06 * SHAFT_SCALE)),
-    ])
+    const EXPOSURE: f64 = 0.25;
+    const SHAFT_SCALE: f64 = 0.8;
+    let mut checks = Vec::new();
+    for (kind, height_m) in [(LightKind::Directional, 2.5), (LightKind::Point, -0.6)] {
+        let fixture = rig.fixture(rig::shore(kind, height_m)?, SIZE)?;
+        let known = NoisySurfaces::new(rig, &fixture, |_| DVec3::ZERO)?;
+        let [sprites, shafts] = [3, 4].map(|seed| noise(SIZE, seed).map(|value| 4.0 * value));
+        let (light, flux) = (rig.grey(&sprites), rig.grey(&shafts));
+        let shafts_over = Some(Shafts { flux: &flux, scale: SHAFT_SCALE });
+        let draw = |output: SpriteOutput<'_>| -> Result<Texels> {
+            let stage = compose::new(rig, &fixture.shared, &known.gbuffer, &light, &output)?;
+            rig.run(&[&stage])?;
+            Texels::read(rig, stage.texture())
+        };
+        let dry = |at: (u32, u32), photons: f64| {
+            let seen = known.seen(at)?;
+            let photons = photons * sprites.get(at) * WATER_TINT;
+            Some((seen, seen.lit(photons + known.irradiance(&seen))))
+        };
+        let picture = |at: (u32, u32), shafts_over: f64| {
+            let behind = known.light.background(known.sight(at));
+            let radiance = dry(at, 1.0)
+                .map_or(behind, |(seen, radiance)| known.through_water(&seen, radiance));
+            let shafts = SHAFT_SCALE * shafts.get(at) * SHAFT_TINT;
+            vec![displayed(radiance + shafts_over * shafts, EXPOSURE)]
+        };
+        let radiance = draw(SpriteOutput::Dry)?;
+        let dry_error = |photons: f64| {
+            largest(pixels(SIZE).map(|at| {
+                let exact = dry(at, photons).map_or(DVec4::ZERO, |(_, dry)| dry.extend(1.0));
+                ((radiance.get(at) - exact).abs() / (exact + 1e-3)).max_element()
+            }))
+        };
+        checks.push(
+            Check::new(rig, format!("{kind:?}: largest relative error of the dry radiance"))
+                .within((rig::SHORT_STEP, "1"), dry_error(1.0))
+                .control("1 % more light of sprites", dry_error(1.01)),
+        );
+        for (over, what) in [(None, "picture"), (shafts_over, "picture with shafts")] {
+            let shown = draw(SpriteOutput::Picture { shafts: over, exposure: EXPOSURE })?;
+            let factor = if over.is_some() { 1.0 } else { 0.0 };
+            let error = |factor: f64| largest_excess(&shown, |at| picture(at, factor));
+            checks.push(
+                Check::new(rig, format!("{kind:?}: largest error of the {what}"))
+                    .within((DISPLAY_STEP, "1"), error(factor))
+                    .control("2 % more shafts", error(factor + 0.02)),
+            );
+        }
+    }
+    Ok(checks)
 }
