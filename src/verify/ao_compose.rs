@@ -17,7 +17,8 @@ const ROUNDING: f64 = 2e-6;
 pub fn cases() -> Vec<Case> {
     let kinds = [LightKind::Directional, LightKind::Point];
     let what = |kind| format!("pixel by pixel, {kind:?} light");
-    Case::each(compose::INFO.name, kinds, what, known_inputs).collect()
+    let unshaded = Case::new(compose::INFO.name, "a plane in slanted light", unshaded);
+    Case::each(compose::INFO.name, kinds, what, known_inputs).chain([unshaded]).collect()
 }
 
 /// The tank with noise for its surfaces and its visibility, in a shadow map so coarse that most of what is seen lies between its texels.
@@ -63,6 +64,34 @@ fn known_inputs(rig: &Rig<'_>, kind: LightKind) -> Checks {
             .within((DISPLAY_STEP, "1"), occluded(1.0))
             .control("1 % less of it", occluded(0.99)),
     ])
+}
+
+/// No plane lies in its own shadow. One as far above it as two texels of the map are wide lays a shadow on it.
+fn unshaded(rig: &Rig<'_>) -> Result<Check> {
+    const TEXELS: u32 = 1024;
+    let mut scene = rig::flat_plane(LightKind::Directional)?;
+    scene.light.direction = [1.0, -0.5, 0.7];
+    let fixture = rig.fixture(scene.clone(), SIZE)?;
+    let texel_m = 2.0 * scene.light.half_extent_m / f64::from(TEXELS);
+    for position in scene.objects.iter_mut().flat_map(|object| &mut object.mesh.positions) {
+        position[1] += 2.0 * texel_m as f32;
+    }
+    let above = Geometry::new(rig, &scene);
+    let white = rig.constant(SIZE, [1.0; 4])?;
+    let gbuffer = GBuffer { albedo: white.clone(), ..rig.gbuffer(&fixture)? };
+    let dark = |caster| -> Result<f64> {
+        let map = shadow::depth::new(rig, &fixture.shared, caster, TEXELS)?;
+        let picture = Picture::new(&gbuffer, 0.3, 0.0);
+        let lit = LitInputs { picture, visibility: &white, shadow: map.texture() };
+        let stage = compose::new(rig, &fixture.shared, &lit, false)?;
+        let shown = rig.draw(&[&map, &stage], stage.texture(), 0)?;
+        let plane = pixels(SIZE).filter(|at| fixture.hit(*at).is_some()).map(|at| shown.get(at));
+        let brightest = largest(plane.clone());
+        Ok(share(plane.map(|shown| shown < 0.99 * brightest)))
+    };
+    Ok(Check::new(rig, "share of pixels in shadow")
+        .within((0.0, "1"), dark(&fixture.geometry)?)
+        .control("a plane two texels above it casts the shadow", dark(&above)?))
 }
 
 struct LitSurfaces<'a> {
