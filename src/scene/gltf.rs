@@ -6,6 +6,7 @@ use std::io::Read;
 
 use ::gltf::accessor::{DataType, Dimensions};
 use ::gltf::json::{Index, Root, deserialize};
+use ::gltf::material::AlphaMode;
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Document, Primitive, Semantic};
 use base64::Engine as _;
@@ -158,10 +159,10 @@ impl Reader {
             let primitives = node.mesh().into_iter().flat_map(|mesh| mesh.primitives());
             for primitive in primitives.filter(is_of_triangles) {
                 let mesh = self.mesh(&primitive)?.transformed(&matrix);
-                let albedo = albedo(&primitive);
-                let place = places.entry(albedo.map(|rgb| rgb.map(f32::to_bits)));
-                let place = *place.or_insert_with(|| {
-                    parts.push(MeshPart { mesh: Mesh::default(), albedo });
+                let (albedo, alpha) = look(&primitive);
+                let bits = (albedo.map(|rgb| rgb.map(f32::to_bits)), alpha.to_bits());
+                let place = *places.entry(bits).or_insert_with(|| {
+                    parts.push(MeshPart { mesh: Mesh::default(), albedo, alpha });
                     parts.len() - 1
                 });
                 parts[place].mesh.append(&mesh);
@@ -226,12 +227,13 @@ fn triangles(mode: Mode, corners: &[u32]) -> Vec<u32> {
     places.as_flattened().iter().map(|place| corners[*place]).collect()
 }
 
-/// Linear RGB; none of a primitive without a material.
-fn albedo(primitive: &Primitive<'_>) -> Option<[f32; 3]> {
+/// Linear RGB, none of a primitive without a material; and opacity, which counts where the material is blended: glTF 2.0, §3.9.4.
+fn look(primitive: &Primitive<'_>) -> (Option<[f32; 3]>, f32) {
     let material = primitive.material();
-    material.index()?;
-    let [r, g, b, _] = material.pbr_metallic_roughness().base_color_factor();
-    Some([r, g, b].map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 }))
+    let [r, g, b, a] = material.pbr_metallic_roughness().base_color_factor();
+    let [r, g, b, a] = [r, g, b, a].map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 });
+    let alpha = if material.alpha_mode() == AlphaMode::Blend { a } else { 1.0 };
+    (material.index().map(|_| [r, g, b]), alpha)
 }
 
 /// What the crate takes for granted when it reads an accessor; whether it lies within its buffer it checks itself.
