@@ -38,7 +38,7 @@ pub fn text(text: &str, random: &mut Random) -> String {
         let Some([Ok(low), Ok(high)]) = ends else { return format!("{name}{end}") };
         let is_whole = !name.replacen("..", "", 1).contains('.');
         let number: f64 = random.within(low, if is_whole { high + 1.0 } else { high });
-        format!("{}{end}", if is_whole { number.floor() } else { number as f32 as f64 })
+        format!("{}{end}", if is_whole { number.floor() } else { f64::from(number as f32) })
     };
     text.split_inclusive(is_end).map(drawn).collect()
 }
