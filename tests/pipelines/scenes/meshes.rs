@@ -122,6 +122,9 @@ fn stl_faults_are_told() {
     }
 }
 
+/// Two sparse indices, both of which are 0.
+const SPARSE: &str = r#"4,0]}|4,0],"sparse":{"count":2,"indices":{"bufferView":1,"byteOffset":99,"componentType":5121},"values":{"bufferView":1}}}"#;
+
 #[test]
 fn gltf_faults_are_told() {
     for (changes, expected) in [
@@ -149,6 +152,7 @@ fn gltf_faults_are_told() {
             "export it without",
         ),
         (r#"{"asset"|{"extensionsRequired":["KHR_mesh_quantization"],"asset""#, "KHR_mesh_qu"),
+        (SPARSE, "has sparse indices that do not rise"),
         (r#"{"asset"|{,"asset""#, "line 1"),
     ] {
         let message = fault("a.glb", &glb(&changed(changes), &fan()));
