@@ -259,6 +259,10 @@ impl Gpu {
             return Err(GpuError::Missing { adapter, missing });
         }
         let (features, mut notes) = negotiate(features);
+        let writes = wgpu::DownlevelFlags::FRAGMENT_WRITABLE_STORAGE;
+        let read_only_fragments = !chosen.get_downlevel_capabilities().flags.contains(writes);
+        let loss = "fragment shaders write no storage: slicemaps, sliced rays and counts of samples are refused";
+        notes.extend(read_only_fragments.then(|| loss.to_owned()));
         if !flags.is_empty() {
             notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
@@ -274,7 +278,10 @@ impl Gpu {
         watched.unchecked = options.unchecked;
         watched.adapter.mask = adapter.mask;
         Ok(Gpu {
-            capacity: Capacity::new(watched.limits.clone(), &watched.adapter, options.allow_large),
+            capacity: Capacity {
+                read_only_fragments,
+                ..Capacity::new(watched.limits.clone(), &watched.adapter, options.allow_large)
+            },
             watched,
             notes,
             shaders,

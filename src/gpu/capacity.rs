@@ -27,6 +27,8 @@ pub struct Capacity {
     pub memory_bytes: Option<u64>,
     /// The longest frame that is rendered, seconds; none on a GPU.
     pub frame_s: Option<f64>,
+    /// Fragment shaders write no storage.
+    pub read_only_fragments: bool,
     /// Threads that a software adapter can use.
     pub threads: usize,
 }
@@ -48,6 +50,7 @@ impl Capacity {
             memory_bytes: available_bytes().filter(|_| bounded).map(share),
             frame_s: bounded.then_some(LONGEST_FRAME_S),
             threads: adapter.host_threads,
+            ..Self::default()
         }
     }
 
@@ -68,7 +71,7 @@ impl Capacity {
     }
 
     fn check_step(&self, demand: &Demand, step: &str) -> Result<(), String> {
-        demand.check(&self.limits)?;
+        demand.check(self)?;
         self.check_memory(demand)?;
         self.check_time(demand, step)
     }

@@ -28,6 +28,8 @@ pub struct Binding {
     pub group: u32,
     pub binding: u32,
     pub kind: BindingKind,
+    /// Of the entry points that use it.
+    pub stages: wgpu::ShaderStages,
     /// The struct that is bound, alone or as the element of an array: as the shader calls it, and how it is laid out.
     pub structure: Option<(String, StructLayout)>,
 }
@@ -43,6 +45,16 @@ pub enum BindingKind {
     Sampler {
         comparison: bool,
     },
+}
+
+impl Binding {
+    /// Whether fragment shaders write it, where they are among these stages.
+    pub fn is_written_by_fragments(&self, stages: wgpu::ShaderStages) -> bool {
+        let written = wgpu::BufferBindingType::Storage { read_only: false };
+        let is_written = matches!(self.kind, BindingKind::Stored(_))
+            || self.kind == BindingKind::Buffer(written);
+        is_written && (self.stages & stages).contains(wgpu::ShaderStages::FRAGMENT)
+    }
 }
 
 impl StructLayout {
@@ -90,16 +102,34 @@ impl StructLayout {
 /// What the entry points of a linked module bind. An imported module may hold what they do not use: that is removed.
 pub(super) fn bindings(module: &mut naga::Module) -> Vec<Binding> {
     compact(module, KeepUnused::No);
+    let used: Vec<_> = module.entry_points.iter().map(|entry| used_by(entry, module)).collect();
     let bound = |variable: &naga::GlobalVariable| {
-        let naga::ResourceBinding { group, binding } = variable.binding?;
+        let place @ naga::ResourceBinding { group, binding } = variable.binding?;
+        let users = used.iter().filter(|(_, places)| places.contains(&place));
+        let stages = users.map(|(stage, _)| *stage).collect();
         let kind = kind(variable.space, &module.types[variable.ty].inner)?;
         let structure = element(module, variable.ty).map(|(ty, members, span)| {
             let name = strip_module(ty.name.as_deref().unwrap_or_default());
             (name, StructLayout::from_naga(module, members, span))
         });
-        Some(Binding { group, binding, kind, structure })
+        Some(Binding { group, binding, kind, stages, structure })
     };
     module.global_variables.iter().filter_map(|(_, variable)| bound(variable)).collect()
+}
+
+/// What an entry point uses, itself or by the functions that it calls.
+fn used_by(
+    entry: &naga::EntryPoint,
+    module: &naga::Module,
+) -> (wgpu::ShaderStages, Vec<naga::ResourceBinding>) {
+    let mut alone = naga::Module { entry_points: vec![entry.clone()], ..module.clone() };
+    compact(&mut alone, KeepUnused::No);
+    let stage = match entry.stage {
+        naga::ShaderStage::Vertex => wgpu::ShaderStages::VERTEX,
+        naga::ShaderStage::Fragment => wgpu::ShaderStages::FRAGMENT,
+        _ => wgpu::ShaderStages::COMPUTE,
+    };
+    (stage, alone.global_variables.iter().filter_map(|(_, global)| global.binding).collect())
 }
 
 fn kind(space: naga::AddressSpace, ty: &naga::TypeInner) -> Option<BindingKind> {
@@ -191,6 +221,7 @@ mod tests {
         @group(1) @binding(5) var unused: texture_2d<f32>;
         fn called() -> f32 { return textureSampleLevel(volume, texels, vec3(0.5), 0.0).x; }
         fn not_called() -> f32 { return textureLoad(unused, vec2(0), 0).x; }
+        @fragment fn fragment() -> @location(0) vec4<f32> { return vec4(called() + f32(settings.taps)); }
         @compute @workgroup_size(1) fn main() {
             var sum = values[0] + textureLoad(depth, vec2(0), 0);
             for (var i = 0u; i < settings.taps; i++) {
@@ -210,6 +241,9 @@ mod tests {
         use wgpu::{TextureSampleType as Sampled, TextureViewDimension as Dimension};
         let mut module = naga::front::wgsl::parse_str(SHADER).unwrap();
         let found = bindings(&mut module);
+        let in_fragments = |of: &&Binding| of.stages.contains(wgpu::ShaderStages::FRAGMENT);
+        assert!(found.iter().all(|of| of.stages.contains(wgpu::ShaderStages::COMPUTE)));
+        assert!(found.iter().filter(in_fragments).eq([&found[0], &found[5], &found[7]]));
         let kinds: Vec<_> = found.iter().map(|of| ([of.group, of.binding], of.kind)).collect();
         let expected = [
             ([0, 0], Buffer(Uniform)),

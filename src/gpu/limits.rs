@@ -1,6 +1,6 @@
 //! Limits checked before anything is allocated.
 
-use super::{Gpu, MAX_ITERATIONS};
+use super::{Capacity, Gpu, MAX_ITERATIONS};
 use fathom_record::Work;
 
 /// What a pipeline will need of the adapter, collected before it is built; checked by [`Gpu::check`].
@@ -19,7 +19,7 @@ pub struct Demand {
 struct Need {
     /// Name of the limit, for the message.
     limit: &'static str,
-    allowed: fn(&wgpu::Limits) -> u64,
+    allowed: fn(&Capacity) -> u64,
     /// The resource or stage, for the message.
     what: String,
     requested: u64,
@@ -28,7 +28,7 @@ struct Need {
 /// A limit as wgpu names it.
 macro_rules! limit {
     ($name:ident) => {
-        (stringify!($name), |limits| limits.$name.into())
+        (stringify!($name), |of| of.limits.$name.into())
     };
 }
 
@@ -39,7 +39,7 @@ impl Demand {
 
     fn need(
         mut self,
-        (limit, allowed): (&'static str, fn(&wgpu::Limits) -> u64),
+        (limit, allowed): (&'static str, fn(&Capacity) -> u64),
         what: &str,
         requested: u64,
     ) -> Self {
@@ -100,6 +100,12 @@ impl Demand {
         self.need(limit!(max_storage_buffers_per_shader_stage), what, count)
     }
 
+    /// A stage whose fragment shader writes storage.
+    pub fn fragment_writes(self, what: &str) -> Self {
+        let allowed = |of: &Capacity| u64::from(!of.read_only_fragments);
+        self.need(("storage that fragment shaders write", allowed), what, 1)
+    }
+
     /// Textures and buffers of the pipeline take so many bytes.
     pub fn holds(mut self, what: &str, bytes: u64) -> Self {
         self.allocated.push((what.to_owned(), bytes));
@@ -147,11 +153,11 @@ impl Demand {
         self
     }
 
-    /// The first demand that `limits` do not meet, as a sentence with the limit's name, what was asked
+    /// The first demand that the limits of `capacity` do not meet, as a sentence with the limit's name, what was asked
     /// and what is allowed.
-    pub fn check(&self, limits: &wgpu::Limits) -> Result<(), String> {
+    pub fn check(&self, capacity: &Capacity) -> Result<(), String> {
         for Need { limit, allowed, what, requested } in &self.needs {
-            let allowed = allowed(limits);
+            let allowed = allowed(capacity);
             if *requested > allowed {
                 return Err(format!(
                     "{what}: asks {requested} of {limit}, the adapter allows {allowed}"
@@ -179,7 +185,7 @@ mod tests {
 
     #[test]
     fn a_demand_beyond_a_limit_names_it_with_both_figures() {
-        let limits = wgpu::Limits::default();
+        let limits = Capacity::default();
         let demand = Demand::new().texture_2d("view", 800, 600).texture_2d("light map", 9000, 16);
         let message = demand.check(&limits).unwrap_err();
         assert_eq!(
@@ -190,14 +196,15 @@ mod tests {
 
     #[test]
     fn demands_at_the_limit_pass() {
-        let limits = wgpu::Limits::default();
+        let capacity = Capacity::default();
+        let limits = &capacity.limits;
         let groups = u64::from(limits.max_compute_workgroups_per_dimension);
         let demand = Demand::new()
             .storage("photons", limits.max_storage_buffer_binding_size)
             .dispatch("trace", [groups, 1, 1])
             .merge(Demand::new().uniform("frame", limits.max_uniform_buffer_binding_size));
-        assert_eq!(demand.check(&limits), Ok(()));
-        assert!(Demand::new().dispatch("trace", [1, groups + 1, 1]).check(&limits).is_err());
-        assert!(Demand::new().indexed("voxels", 1 << 32).check(&limits).is_err());
+        assert_eq!(demand.check(&capacity), Ok(()));
+        assert!(Demand::new().dispatch("trace", [1, groups + 1, 1]).check(&capacity).is_err());
+        assert!(Demand::new().indexed("voxels", 1 << 32).check(&capacity).is_err());
     }
 }

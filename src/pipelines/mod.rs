@@ -1,6 +1,7 @@
 //! Pipelines: stages in frame order over typed resources, for one scene and one set of parameters.
 
 pub mod caustics_image;
+pub mod draw;
 pub mod hsao;
 mod lighting;
 pub mod occlusion;

@@ -330,8 +330,8 @@ fn errors(question: &OcclusionQuery, points: &[JudgedPoint], buffer: &Pixels) ->
     let extent = [buffer.width, buffer.height];
     let error = |point: &JudgedPoint| {
         let [x, y]: [u32; 2] = std::array::from_fn(|i| {
-            (u64::from(point.pixel[i]) * u64::from(extent[i]) / u64::from(question.size_px[i]))
-                as u32
+            let middle = 2 * u64::from(point.pixel[i]) + 1;
+            (middle * u64::from(extent[i]) / (2 * u64::from(question.size_px[i]))) as u32
         });
         1.0 - f64::from(buffer.texel(x, y)[0]) - point.occlusion
     };

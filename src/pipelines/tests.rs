@@ -25,7 +25,7 @@ fn planned(of: &str, settings: &str) -> Result<PipelinePlan, String> {
 /// Whether an adapter of small volumes takes it.
 fn judged(of: &str, settings: &str) -> Result<(), String> {
     let limits = wgpu::Limits { max_texture_dimension_3d: 256, ..wgpu::Limits::default() };
-    planned(of, settings)?.demand.check(&limits)
+    planned(of, settings)?.demand.check(&limits.into())
 }
 
 /// A value below and one above what a parameter takes, in the form of its default.

@@ -245,13 +245,17 @@ impl ObjectFile {
         let bounds = parts.iter().map(|part| part.mesh.bounds()).fold(Bounds::EMPTY, Bounds::union);
         let matrix = self.transform.matrix(&bounds, file.floor_depth_m);
         // What a scene file says of a colour counts; what nobody says is the material's default.
-        let has_own_colour = self.material.albedo != Material::default().albedo;
-        let object = |MeshPart { mesh, albedo }: MeshPart| {
+        let default = Material::default();
+        let has_own_colour = self.material.albedo != default.albedo;
+        let object = |MeshPart { mesh, albedo, alpha }: MeshPart| {
             let mesh = mesh.transformed(&matrix);
             mesh.validate()?;
             let mut material = self.material.clone();
             if let Some(albedo) = albedo.filter(|_| !has_own_colour) {
                 material.albedo = albedo;
+            }
+            if material.alpha == default.alpha {
+                material.alpha = alpha;
             }
             Ok(Object { material, ..Object::new(&self.name, mesh) })
         };

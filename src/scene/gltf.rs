@@ -4,8 +4,10 @@
 use std::collections::HashMap;
 use std::io::Read;
 
+use ::gltf::accessor::sparse::Sparse;
 use ::gltf::accessor::{DataType, Dimensions};
 use ::gltf::json::{Index, Root, deserialize};
+use ::gltf::material::AlphaMode;
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Document, Primitive, Semantic};
 use base64::Engine as _;
@@ -158,10 +160,10 @@ impl Reader {
             let primitives = node.mesh().into_iter().flat_map(|mesh| mesh.primitives());
             for primitive in primitives.filter(is_of_triangles) {
                 let mesh = self.mesh(&primitive)?.transformed(&matrix);
-                let albedo = albedo(&primitive);
-                let place = places.entry(albedo.map(|rgb| rgb.map(f32::to_bits)));
-                let place = *place.or_insert_with(|| {
-                    parts.push(MeshPart { mesh: Mesh::default(), albedo });
+                let (albedo, alpha) = look(&primitive);
+                let bits = (albedo.map(|rgb| rgb.map(f32::to_bits)), alpha.to_bits());
+                let place = *places.entry(bits).or_insert_with(|| {
+                    parts.push(MeshPart { mesh: Mesh::default(), albedo, alpha });
                     parts.len() - 1
                 });
                 parts[place].mesh.append(&mesh);
@@ -174,12 +176,12 @@ impl Reader {
     fn mesh(&mut self, primitive: &Primitive<'_>) -> Result<Mesh, String> {
         for (semantic, accessor) in primitive.attributes() {
             if let Semantic::Positions | Semantic::Normals = semantic {
-                check(&accessor, Dimensions::Vec3, &[DataType::F32], MAX_VERTICES)?;
+                self.check(&accessor, Dimensions::Vec3, &[DataType::F32], MAX_VERTICES)?;
             }
         }
         let of_indices = [DataType::U8, DataType::U16, DataType::U32];
         if let Some(accessor) = primitive.indices() {
-            check(&accessor, Dimensions::Scalar, &of_indices, self.most.saturating_mul(3))?;
+            self.check(&accessor, Dimensions::Scalar, &of_indices, self.most.saturating_mul(3))?;
         }
         let reader = primitive.reader(|buffer| self.buffers.get(buffer.index()).map(Vec::as_slice));
         let beyond = || "an accessor reaches beyond its buffer".to_owned();
@@ -212,6 +214,52 @@ impl Reader {
         mesh.complete_normals();
         Ok(mesh)
     }
+
+    /// What the crate takes for granted when it reads an accessor; whether it lies within its buffer it checks itself.
+    fn check(
+        &self,
+        accessor: &Accessor<'_>,
+        dimensions: Dimensions,
+        types: &[DataType],
+        most: usize,
+    ) -> Result<(), String> {
+        let fault = |what: &str| Err(format!("accessor {} {what}", accessor.index()));
+        if accessor.dimensions() != dimensions || !types.contains(&accessor.data_type()) {
+            return fault("is of another type than is read there");
+        }
+        let parts = accessor.sparse().map(|sparse| (sparse.values(), sparse.indices()));
+        let parts = parts.map(|(v, i)| [(v.view(), v.offset()), (i.view(), i.offset())]);
+        let base = accessor.view().map(|view| (view, accessor.offset()));
+        for (view, offset) in parts.into_iter().flatten().chain(base) {
+            let mut places = [offset, view.offset(), view.length()].into_iter();
+            let is_far = places.any(|place| place as u64 > MAX_FILE);
+            if is_far || view.stride().is_some_and(|stride| stride < accessor.size()) {
+                return fault("reaches beyond its buffer, or its elements beyond each other");
+            }
+        }
+        match accessor.count() {
+            0 => fault("has no elements"),
+            count if count > most => {
+                fault(&format!("has {count} elements; at most {most} are read"))
+            }
+            count if !accessor.sparse().is_none_or(|sparse| self.rises(&sparse, count)) => {
+                fault("has sparse indices that do not rise within its elements")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether each index is above the one before it: the crate passes over the values of others.
+    fn rises(&self, sparse: &Sparse<'_>, elements: usize) -> bool {
+        let (indices, view) = (sparse.indices(), sparse.indices().view());
+        let (size, buffer) = (indices.index_type().size(), &self.buffers[view.buffer().index()]);
+        let bytes =
+            buffer.get(view.offset() + indices.offset()..).unwrap_or_default().chunks_exact(size);
+        let index = |bytes: &[u8]| bytes.iter().rev().fold(0, |sum, b| sum << 8 | usize::from(*b));
+        let all: Vec<usize> = bytes.take(sparse.count()).map(index).collect();
+        let is_whole = all.len() == sparse.count() && view.stride().is_none();
+        is_whole && all.is_sorted_by(|a, b| a < b) && all.last().is_some_and(|n| *n < elements)
+    }
 }
 
 /// The indices of triangles, strips and fans as those of triangles.
@@ -226,36 +274,11 @@ fn triangles(mode: Mode, corners: &[u32]) -> Vec<u32> {
     places.as_flattened().iter().map(|place| corners[*place]).collect()
 }
 
-/// Linear RGB; none of a primitive without a material.
-fn albedo(primitive: &Primitive<'_>) -> Option<[f32; 3]> {
+/// Linear RGB, none of a primitive without a material; and opacity, which counts where the material is blended: glTF 2.0, §3.9.4.
+fn look(primitive: &Primitive<'_>) -> (Option<[f32; 3]>, f32) {
     let material = primitive.material();
-    material.index()?;
-    let [r, g, b, _] = material.pbr_metallic_roughness().base_color_factor();
-    Some([r, g, b].map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 }))
-}
-
-/// What the crate takes for granted when it reads an accessor; whether it lies within its buffer it checks itself.
-fn check(
-    accessor: &Accessor<'_>,
-    dimensions: Dimensions,
-    types: &[DataType],
-    most: usize,
-) -> Result<(), String> {
-    let fault = |what: &str| Err(format!("accessor {} {what}", accessor.index()));
-    let Some(view) = accessor.view().filter(|_| accessor.sparse().is_none()) else {
-        return fault("is sparse, which is not read");
-    };
-    if accessor.dimensions() != dimensions || !types.contains(&accessor.data_type()) {
-        return fault("is of another type than is read there");
-    }
-    let places = [accessor.offset(), view.offset(), view.length()];
-    let is_far = places.into_iter().any(|place| place as u64 > MAX_FILE);
-    if is_far || view.stride().is_some_and(|stride| stride < accessor.size()) {
-        return fault("reaches beyond its buffer, or its elements beyond each other");
-    }
-    match accessor.count() {
-        0 => fault("has no elements"),
-        count if count > most => fault(&format!("has {count} elements; at most {most} are read")),
-        _ => Ok(()),
-    }
+    let [r, g, b, a] = material.pbr_metallic_roughness().base_color_factor();
+    let [r, g, b, a] = [r, g, b, a].map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 });
+    let alpha = if material.alpha_mode() == AlphaMode::Blend { a } else { 1.0 };
+    (material.index().map(|_| [r, g, b]), alpha)
 }

@@ -14,6 +14,8 @@ pub struct MeshPart {
     pub mesh: Mesh,
     /// Diffuse reflectance, linear RGB, where the file has one.
     pub albedo: Option<[f32; 3]>,
+    /// Opacity; 1 where the file has none.
+    pub alpha: f32,
 }
 
 /// Reads the content of a file, of no more than so many triangles, and adds what it does not read to the notes.
@@ -33,7 +35,7 @@ pub const ENDINGS: &str = ".obj, .ply, .stl, .gltf or .glb";
 
 impl From<Mesh> for MeshPart {
     fn from(mesh: Mesh) -> Self {
-        Self { mesh, albedo: None }
+        Self { mesh, albedo: None, alpha: 1.0 }
     }
 }
 

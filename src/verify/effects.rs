@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::prelude::*;
-use fathom_pipelines::{AnyPipeline, Judge, KINDS, PipelineKind, ReferenceCache};
+use fathom_pipelines::{AnyPipeline, Judge, KINDS, PipelineKind, ReferenceCache, draw};
 use fathom_stages::REGISTRY;
 
 #[derive(Deserialize)]
@@ -33,7 +33,12 @@ struct Effect {
     /// Error or quantity of the frame, or its distance from a value as `name=value`; what it is at most; and what is set in the control: in the
     /// reference's scene alone, or, where that has no such value, in the frame alone.
     checks: Vec<(String, f64, String)>,
+    /// How often what is set is drawn, from [`SEED`] on: see [`draw::text`].
+    #[serde(default)]
+    draws: u32,
 }
+
+const SEED: u32 = 65;
 
 type CaseSettings = Vec<(String, Value)>;
 
@@ -63,8 +68,24 @@ struct EffectCase {
 }
 
 impl EffectCase {
+    /// Of each check the draw that measured most, and the control that differs least: all draws must be sound.
     fn checks(&self, rig: &Rig<'_>) -> Checks {
-        let Effect { what, set, checks, .. } = &self.effect;
+        let mut random = Random::new(SEED);
+        let mut draw = || self.drawn(rig, &draw::text(&self.effect.set, &mut random));
+        let mut all = draw()?;
+        for _ in 1..self.effect.draws {
+            for (worst, other) in all.iter_mut().zip(draw()?) {
+                worst.passed &= other.passed;
+                worst.control.has_failed &= other.control.has_failed;
+                worst.measured = worst.measured.max(other.measured);
+                worst.control.measured = worst.control.measured.min(other.control.measured);
+            }
+        }
+        Ok(all)
+    }
+
+    fn drawn(&self, rig: &Rig<'_>, set: &str) -> Checks {
+        let Effect { what, checks, draws, .. } = &self.effect;
         let (file, settings) = self.file(rig, set)?;
         let scene = Rc::new(Scene::build(&file)?);
         let frame = self.frame(rig, (&file, &scene), &settings)?;
@@ -87,7 +108,8 @@ impl EffectCase {
                 stored.parse().map_or(found, |stored: f64| (found - stored).abs())
             };
             let unit = ["m", "deg"].into_iter().find(|unit| name.ends_with(&format!("_{unit}")));
-            Check::new(rig, format!("{what}: {error}"))
+            let seed = if *draws > 0 { format!(", seed {SEED}") } else { String::new() };
+            Check::new(rig, format!("{what}{seed}: {error}"))
                 .within((*most, unit.unwrap_or("1")), of(""))
                 .control(control, of(control))
         };
@@ -130,10 +152,13 @@ impl EffectCase {
     }
 }
 
-/// Sets a value of a tree; false where it has none at this path.
+/// Sets a value of a tree, or multiplies it where `*` ends the path; false where it has none there.
 fn set_value(tree: &mut Value, path: &str, value: &Value) -> bool {
-    let there = tree.pointer_mut(&format!("/{}", path.replace('.', "/")));
-    there.map(|there| *there = value.clone()).is_some()
+    let pointer = format!("/{}", path.trim_end_matches('*').replace('.', "/"));
+    let Some(there) = tree.pointer_mut(&pointer) else { return false };
+    let product = there.as_f64().zip(value.as_f64()).map(|(there, factor)| there * factor);
+    *there = product.filter(|_| path.ends_with('*')).map_or(value.clone(), Value::from);
+    true
 }
 
 /// Errors and quantities of a frame, judged by a scene.

@@ -269,7 +269,7 @@ fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(FinishedCase<'_>)) -
             results = (case.run)(&rig);
             Ok(())
         });
-        if let Some(reason) = rig.exceeded_limit(&gpu.limits) {
+        if let Some(reason) = rig.exceeded_limit(&gpu.capacity) {
             let (stage, what) = (case.stage, case.what.clone());
             verified.skipped.push(SkippedCase { stage, what, reason });
         } else {

@@ -1,5 +1,6 @@
 //! What cases run on: uploads of a reference's inputs, small scenes, and read-back as f64 images.
 
+pub use fathom_pipelines::draw::Random;
 use std::ops::Deref;
 
 use glam::{DVec2, DVec3, UVec2, Vec2};
@@ -373,26 +374,4 @@ pub fn noise(size: [u32; 2], seed: u32) -> Image {
 pub fn weighted_mean(image: &Image) -> f64 {
     let weights = noise(image.size(), 71);
     mean(image.data().iter().zip(weights.data()).map(|(value, weight)| 2.0 * value * weight))
-}
-
-/// Repeatable numbers in 0…1.
-pub struct Random(u32);
-
-impl Random {
-    pub fn new(seed: u32) -> Self {
-        Self(seed)
-    }
-
-    pub fn number(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(1);
-        f64::from(fathom_reference::random::pcg(self.0)) / 4_294_967_296.0
-    }
-
-    pub fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.number()
-    }
-
-    pub fn direction(&mut self) -> DVec3 {
-        DVec3::from([(); 3].map(|()| self.within(-1.0, 1.0))).normalize()
-    }
 }

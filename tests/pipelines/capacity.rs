@@ -24,6 +24,7 @@ fn small_machine() -> Capacity {
         memory_bytes: Some(4 * GIB),
         frame_s: Some(30.0),
         threads: 2,
+        ..Capacity::default()
     }
 }
 

@@ -37,6 +37,15 @@ fn every_check_is_sound_on_swiftshader() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
+/// Without what browsers lack.
+#[cfg(feature = "nightly")]
+#[test]
+fn every_check_is_sound_in_strict_compliance_with_webgpu() {
+    let mut child = super::common::this_program("verify::child_checks");
+    let output = child.env("WGPU_STRICT_WEBGPU_COMPLIANCE", "1").output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
 #[cfg(feature = "nightly")]
 #[test]
 #[ignore = "run by `every_check_is_sound_on_swiftshader`"]

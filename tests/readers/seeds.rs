@@ -112,7 +112,9 @@ pub fn stls() -> Seeds {
 
 pub fn glbs() -> Seeds {
     let nodes = r#"{"children":[1],"scale":[1,-2,3]},{"mesh":0,"rotation":[0,1,0,0]}"#;
-    vec![glb(GLTF, &fan()), glb(&GLTF.replace(r#"{"mesh":0}"#, nodes), &fan())]
+    let sparse = r#"4,0],"sparse":{"count":1,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":1}}}"#;
+    let changes = [("", ""), (r#"{"mesh":0}"#, nodes), ("4,0]}", sparse)];
+    changes.map(|(part, other)| glb(&GLTF.replace(part, other), &fan())).into()
 }
 
 pub fn gltfs() -> Seeds {

@@ -5,11 +5,10 @@ use fathom::Catalog;
 use fathom::gpu::Gpu;
 use fathom::harness::dump::read;
 use fathom::harness::subject::{Subject, Subjects};
-use fathom::parameter::{Allowed, ParamField, Range};
+use fathom::parameter;
+use fathom::pipelines::draw::{self, Random};
 use fathom::pipelines::{KINDS, PipelineKind};
 use itertools::Itertools;
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 
 use crate::mutants::{Outcome, linked_files};
@@ -17,9 +16,11 @@ use crate::mutants::{Outcome, linked_files};
 /// Each pipeline is tried with those with which it can be built.
 const SCENES: &str = "tank port specular engine ball planar_pool glass smoke cornell slab";
 /// Draws of settings of each pipeline and scene; the first are the defaults.
-const DRAWS: u64 = 4;
+const DRAWS: u32 = 4;
 /// No more frames are tried of a fault.
 const MAX_FRAMES: usize = 48;
+/// As foreseen.
+const MAX_FRAME_S: f64 = 5.0;
 /// A change of an output: RMS as a share of its range; and a difference of so much of the range in so large a share of its values.
 const MIN_RMS: f64 = 0.005;
 const MIN_DIFFERENCE: f64 = 0.02;
@@ -58,58 +59,30 @@ fn holds(subject: &Subject, file: &str) -> Result<bool> {
     Ok(shaders.into_iter().any(|shader| linked_files(shader).contains(file)))
 }
 
-/// A pipeline at settings within its parameters' ranges; none where it cannot be built.
+/// A pipeline with small frames, at its defaults (seed 0) or at drawn settings; none where it cannot be built.
 fn draw(
     subjects: &mut Subjects,
     gpu: &Gpu,
     kind: &PipelineKind,
     scene: &str,
-    seed: u64,
+    seed: u32,
 ) -> Option<Subject> {
-    let defaults = subjects.subject(kind.name, scene, &[]).ok()?;
-    let has = |path: &str| defaults.params.pointer(&format!("/{}", path.replace('.', "/")));
-    let mut random = Pcg64::seed_from_u64(seed);
-    for _ in 0..30 {
-        let common = COMMON.split(' ').filter_map(|setting| {
-            let (path, value) = setting.split_once('=')?;
-            let value: Value = value.parse().ok()?;
-            let value = if has(path)?.is_array() { json!([value, value]) } else { value };
-            Some((path.to_owned(), value))
-        });
-        let mut set: Vec<(String, Value)> = common.collect();
-        for field in (kind.fields)() {
-            let is_free = !set.iter().any(|(path, _)| *path == field.path);
-            if seed > 0 && is_free && random.random_bool(0.3) {
-                let drawn = has(&field.path).and_then(|value| drawn(&mut random, &field, value));
-                set.extend(drawn.map(|value| (field.path, value)));
-            }
-        }
-        if let Ok(subject) = subjects.subject(kind.name, scene, &set)
-            && subject
-                .forecast_s(&gpu.capacity)
-                .is_ok_and(|forecast| forecast.is_ok_and(|s| s < 5.0))
-        {
-            return Some(subject);
-        }
+    let mut tree = subjects.subject(kind.name, scene, &[]).ok()?.params;
+    for (path, size) in COMMON.split(' ').filter_map(|setting| setting.split_once('=')) {
+        let size: Value = size.parse().ok()?;
+        let is_pair = parameter::get(&tree, path).is_some_and(Value::is_array);
+        // Not every pipeline has it.
+        let _ = parameter::set(&mut tree, path, if is_pair { json!([size, size]) } else { size });
     }
-    None
-}
-
-/// Another value of a parameter: a number within half and twice of what it was.
-fn drawn(random: &mut Pcg64, field: &ParamField, value: &Value) -> Option<Value> {
-    let mut number = |value: &Value, Range { low, high }: Range| {
-        let drawn = (value.as_f64()? * 2f64.powf(random.random_range(-1.0..1.0))).clamp(low, high);
-        Some(if value.is_f64() { json!(drawn) } else { json!(drawn.round() as i64) })
-    };
-    match field.allowed {
-        Allowed::Numbers(range) => match value.as_array() {
-            Some(values) => values.iter().map(|value| number(value, range)).collect(),
-            None => number(value, range),
-        },
-        Allowed::Names(names) => Some(json!(names[random.random_range(0..names.len())])),
-        Allowed::Flag => Some(json!(random.random_bool(0.5))),
-        Allowed::Free => None,
+    if seed > 0 {
+        tree = draw::parameters(kind, tree, &mut Random::new(seed));
     }
+    let value = |path: String| Some((path.clone(), parameter::get(&tree, &path)?.clone()));
+    let set: Vec<(String, Value)> =
+        parameter::leaves(&tree).into_iter().filter_map(value).collect();
+    let subject = subjects.subject(kind.name, scene, &set).ok()?;
+    let forecast_s = subject.forecast_s(&gpu.capacity).ok()?.ok()?;
+    (forecast_s < MAX_FRAME_S).then_some(subject)
 }
 
 /// The first output that differs, in words.

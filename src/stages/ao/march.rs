@@ -60,6 +60,9 @@ pub fn new(
     let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
     let passes = marching.passes(resources, volumes, pixels)?;
     defs.push(passes.def());
+    if passes.def().1 == 1 {
+        resources.fragment_writes(INFO.name);
+    }
     let targets = [kit::multiplicative(VISIBILITY_FORMAT)];
     let spec = RenderSpec::new((INFO.name, &defs[..]), &[], &targets);
     let raster = |group: &Bindings| {

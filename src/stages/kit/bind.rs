@@ -77,7 +77,7 @@ impl Bindings {
         self.0.iter().filter(is_storage).count() as u64
     }
 
-    /// The group as a shader binds it under this number, with its layout and what that was made from.
+    /// The group as a shader's entry points of these stages bind it under this number, with its layout and what that was made from.
     ///
     /// # Errors
     /// A resource of another kind than the shader's, and a struct that host and shader lay out differently.
@@ -85,17 +85,19 @@ impl Bindings {
         &self,
         device: &wgpu::Device,
         shader: &Shader,
+        stages: wgpu::ShaderStages,
         number: u32,
     ) -> Result<BoundGroup, GpuError> {
         let label = Some(shader.path.as_str());
-        let of_group = shader.bindings.iter().filter(|binding| binding.group == number);
+        let is_used = |of: &&Binding| of.group == number && of.stages.intersects(stages);
+        let of_group = shader.bindings.iter().filter(is_used);
         let given =
             |binding: &Binding| Some((binding.clone(), self.0.get(binding.binding as usize)?));
         let bound: Vec<(Binding, &Resource)> = of_group.filter_map(given).collect();
         let mut entries = Vec::new();
         for (binding, resource) in &bound {
             layout::check(shader, binding, resource)?;
-            entries.push(resource.layout_entry(shader, binding, device.features())?);
+            entries.push(resource.layout_entry(shader, (binding, stages), device.features())?);
         }
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label,
@@ -122,17 +124,13 @@ impl Resource {
     fn layout_entry(
         &self,
         shader: &Shader,
-        binding: &Binding,
+        (binding, stages): (&Binding, wgpu::ShaderStages),
         features: wgpu::Features,
     ) -> Result<wgpu::BindGroupLayoutEntry, GpuError> {
-        use wgpu::BufferBindingType::Storage;
-        let all = wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE;
-        let (ty, visibility) = match (binding.kind, self) {
+        let ty = match (binding.kind, self) {
             (BindingKind::Buffer(ty), Self::Buffer(_)) => {
-                let written = ty == Storage { read_only: false };
-                let visibility = if written { all - wgpu::ShaderStages::VERTEX } else { all };
                 let (has_dynamic_offset, min_binding_size) = (false, None);
-                (wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size }, visibility)
+                wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size }
             }
             (BindingKind::Texture(view_dimension, sampled), Self::Texture(texture, _)) => {
                 let of_format = texture.format().sample_type(None, Some(features));
@@ -142,18 +140,17 @@ impl Resource {
                 let sample_type =
                     if float { wgpu::TextureSampleType::Float { filterable } } else { sampled };
                 let multisampled = false;
-                (wgpu::BindingType::Texture { sample_type, view_dimension, multisampled }, all)
+                wgpu::BindingType::Texture { sample_type, view_dimension, multisampled }
             }
             (BindingKind::Stored(view_dimension), Self::Texture(texture, _)) => {
                 let (access, format) = (wgpu::StorageTextureAccess::WriteOnly, texture.format());
-                let ty = wgpu::BindingType::StorageTexture { access, format, view_dimension };
-                (ty, wgpu::ShaderStages::COMPUTE)
+                wgpu::BindingType::StorageTexture { access, format, view_dimension }
             }
             (BindingKind::Sampler { comparison: true }, Self::Sampler(..)) => {
-                (wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison), all)
+                wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)
             }
             (BindingKind::Sampler { comparison: false }, Self::Sampler(_, of)) => {
-                (wgpu::BindingType::Sampler(*of), all)
+                wgpu::BindingType::Sampler(*of)
             }
             _ => {
                 let Binding { group, binding, kind, .. } = binding;
@@ -162,6 +159,7 @@ impl Resource {
                 return Err(GpuError::Shader { path: shader.path.clone(), message });
             }
         };
+        let visibility = binding.stages & stages;
         Ok(wgpu::BindGroupLayoutEntry { binding: binding.binding, visibility, ty, count: None })
     }
 

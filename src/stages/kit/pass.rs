@@ -3,8 +3,8 @@
 use super::{Bindings, Resources, depth_state, layer_view, opaque, view};
 use crate::geometry::{Geometry, Objects};
 use fathom_gpu::{
-    CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader, Stage,
-    StageInfo, StageScope, Targets, compilation_options,
+    CodeKey, ColorTarget, Demand, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
+    Stage, StageInfo, StageScope, Targets, compilation_options,
 };
 use fathom_record::Work;
 
@@ -51,12 +51,17 @@ impl Linked {
     fn new(
         resources: &Resources<'_>,
         code: Code<'_>,
+        stages: wgpu::ShaderStages,
         groups: &[&Bindings],
     ) -> Result<Self, GpuError> {
         let shader = resources.gpu.shader(code.path, code.defs)?;
+        if shader.bindings.iter().any(|of| of.is_written_by_fragments(stages)) {
+            let refused = Demand::new().fragment_writes(code.path).check(&resources.gpu.capacity);
+            refused.map_err(GpuError::Limit)?;
+        }
         let (mut bound, mut layouts, mut keys) = (Vec::new(), Vec::new(), Vec::new());
         for (number, group) in (0..).zip(groups) {
-            let group = group.bound(&resources.gpu.device, &shader, number)?;
+            let group = group.bound(&resources.gpu.device, &shader, stages, number)?;
             bound.push(group.group);
             layouts.push(group.layout);
             keys.push(group.key);
@@ -97,7 +102,7 @@ impl Dispatch {
             gpu.plan_shader(code.key());
             return Ok(Self { pipeline: None, workgroups });
         }
-        let linked = Linked::new(resources, code, groups)?;
+        let linked = Linked::new(resources, code, wgpu::ShaderStages::COMPUTE, groups)?;
         let key = KernelKey { code: code.key(), groups: linked.keys.clone() };
         let make = || {
             let descriptor = wgpu::ComputePipelineDescriptor {
@@ -242,7 +247,8 @@ impl Raster {
             resources.gpu.plan_shader(spec.code.key());
             return Ok(Self(None));
         }
-        let linked = Linked::new(resources, spec.code, spec.groups)?;
+        let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
+        let linked = Linked::new(resources, spec.code, stages, spec.groups)?;
         let make = || Self::make(resources, spec, &linked);
         Ok(Self(Some((resources.gpu.raster(spec.key(&linked.keys), make), linked.groups))))
     }

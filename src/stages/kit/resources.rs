@@ -8,7 +8,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 
 use super::{Bindings, Nearest, ShaderStruct, host_bytes};
-use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
+use fathom_gpu::{Capacity, Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use fathom_record::Work;
 
 /// Bytes of a buffer on a planner: enough for every binding.
@@ -102,8 +102,8 @@ impl<'g> Resources<'g> {
         self.account.borrow().demand.allocated_bytes()
     }
 
-    pub fn exceeded_limit(&self, limits: &wgpu::Limits) -> Option<String> {
-        self.account.borrow().demand.check(limits).err()
+    pub fn exceeded_limit(&self, capacity: &Capacity) -> Option<String> {
+        self.account.borrow().demand.check(capacity).err()
     }
 
     /// The stages, and what all of it needs.
@@ -158,6 +158,11 @@ impl<'g> Resources<'g> {
     pub fn iterations(&self, label: &str, count: u64) {
         let mut account = self.account.borrow_mut();
         account.demand = std::mem::take(&mut account.demand).iterations(label, count);
+    }
+
+    /// A stage's fragment shader writes storage, which not every adapter lets it do.
+    pub fn fragment_writes(&self, stage: &str) {
+        self.note(stage, |demand, _| demand.fragment_writes(stage));
     }
 
     pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 3]) {

@@ -72,6 +72,9 @@ pub(crate) fn new(
 ) -> Result<Stage<Cast>, GpuError> {
     let slices = passes(resources, settings, field, normals);
     let sliced = slices.len() > 1;
+    if sliced {
+        resources.fragment_writes(info.name);
+    }
     let mut defs: Vec<_> = defs.iter().map(|(n, on)| (*n, i32::from(*on))).collect();
     if !normals {
         defs.push(("SLICED", i32::from(sliced)));

@@ -160,6 +160,7 @@ fn along(
             dispatches.push(Dispatch::new(resources, code, &[&group], workgroups)?);
         }
         if let Some(large) = large {
+            resources.fragment_writes(info.name);
             let raster = Raster::new(resources, &RenderSpec { groups: &[&group], ..spec.clone() })?;
             let [columns, rows, _] = axis.turn(voxels.grid.cells);
             largest = [columns.max(largest[0]), rows.max(largest[1])];

@@ -108,6 +108,16 @@ fn gltfs() -> Vec<(&'static str, &'static str, Vec<u8>)> {
             r#""byteLength":60|"byteLength":80,"byteStride":16|Offset":60|Offset":80|500|480"#,
             strided,
         ),
+        (
+            "sparse positions",
+            r#"4,0]}|4,0],"sparse":{"count":1,"indices":{"bufferView":1,"byteOffset":24,"componentType":5121},"values":{"bufferView":1,"byteOffset":28}}}"#,
+            [&fan[..12], &[9; 12], &fan[24..84], &[1, 0, 0, 0], &fan[12..24], &fan[100..]].concat(),
+        ),
+        (
+            "sparse positions alone",
+            r#"[{"bufferView":0,"c|[{"c|4,0]}|4,0],"sparse":{"count":4,"indices":{"bufferView":1,"byteOffset":24,"componentType":5121},"values":{"bufferView":0,"byteOffset":12}}}"#,
+            [&fan[..84], &[1, 2, 3, 4], &fan[88..]].concat(),
+        ),
         ("nodes without meshes", r#"{"mesh":0}|{"children":[1,2]},{},{"mesh":0}"#, fan.clone()),
         ("no default scene", r#""scene":0,|"#, fan.clone()),
         ("colours of vertices", r#"N":0}|N":0,"COLOR_0":0}"#, fan.clone()),

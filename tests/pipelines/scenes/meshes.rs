@@ -122,6 +122,9 @@ fn stl_faults_are_told() {
     }
 }
 
+/// Two sparse indices, both of which are 0.
+const SPARSE: &str = r#"4,0]}|4,0],"sparse":{"count":2,"indices":{"bufferView":1,"byteOffset":99,"componentType":5121},"values":{"bufferView":1}}}"#;
+
 #[test]
 fn gltf_faults_are_told() {
     for (changes, expected) in [
@@ -148,6 +151,8 @@ fn gltf_faults_are_told() {
             r#"{"asset"|{"extensionsRequired":["KHR_draco_mesh_compression"],"asset""#,
             "export it without",
         ),
+        (r#"{"asset"|{"extensionsRequired":["KHR_mesh_quantization"],"asset""#, "KHR_mesh_qu"),
+        (SPARSE, "has sparse indices that do not rise"),
         (r#"{"asset"|{,"asset""#, "line 1"),
     ] {
         let message = fault("a.glb", &glb(&changed(changes), &fan()));
@@ -165,7 +170,7 @@ fn base_colours_are_those_of_objects() {
     let place = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(place.path().join(name), bytes).unwrap();
     let scene = |name: &str| Scene::load(&place.path().join(name).display().to_string()).unwrap();
-    let two = r#"[0]|[0,1]|{"mesh":0}|{"mesh":0},{"mesh":1,"translation":[9,0,0]}|"material":0}]}|"material":0}]},{"primitives":[{"attributes":{"POSITION":0},"indices":1,"mode":6}]}"#;
+    let two = r#"[0]|[0,1]|{"mesh":0}|{"mesh":0},{"mesh":1,"translation":[9,0,0]}|"material":0}]}|"material":0}]},{"primitives":[{"attributes":{"POSITION":0},"indices":1,"mode":6}]}|0.125,1|0.125,0.75"#;
     write("a.glb", &glb(&changed(two), &fan()));
     let bare = scene("a.glb");
     let colours: Vec<_> = bare.objects.iter().map(|o| (&*o.name, o.material.albedo)).collect();
@@ -173,6 +178,10 @@ fn base_colours_are_those_of_objects() {
     assert!(
         colours.contains(&("mesh", [0.5, 0.25, 0.125])) && colours.contains(&("mesh", [0.7; 3]))
     );
+    let alphas = |scene: &Scene| scene.objects.iter().map(|o| o.material.alpha).sum::<f32>();
+    let blended = format!(r#"{two}|[{{"pbr|[{{"alphaMode":"BLEND","pbr"#);
+    write("blended.glb", &glb(&changed(&blended), &fan()));
+    assert_eq!([alphas(&bare), alphas(&scene("blended.glb"))], [3.0, 2.75]);
     let bounds = bare.objects[1].mesh.bounds().union(bare.objects[2].mesh.bounds());
     assert!((bounds.size().max_element() - 2.0).abs() < 1e-6, "{bounds:?}");
     assert!((bounds.min.y + bare.floor_depth_m).abs() < 1e-6, "{bounds:?}");
