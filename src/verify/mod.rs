@@ -9,6 +9,7 @@
 
 mod ao_compose;
 mod bilateral;
+mod borders;
 mod camera;
 mod compose;
 mod deform;
@@ -199,6 +200,7 @@ pub fn cases() -> Vec<Case> {
         effects::cases(),
         glass::cases(),
         splats::cases(),
+        borders::cases(),
         lines::cases(),
         fresnel::cases(),
         filters::cases(),

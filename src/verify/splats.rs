@@ -143,6 +143,19 @@ pub fn draw_free(rig: &Rig<'_>, view: &View, of: &[Photon], rules: &Rules) -> Re
     draw(rig, view, of, &rig.depth(SIZE, 1.0)?, rules)
 }
 
+/// The default coverage of surfaces.
+pub fn draw_on_surface(
+    rig: &Rig<'_>,
+    view: &View,
+    photons: &[Photon],
+    depth: &wgpu::Texture,
+    splatting: Splatting,
+) -> Result<Image> {
+    let coverage = SplatCoverage::Surface;
+    let rules = Rules { conserving: true, bias_m: 0.3, coverage, splatting, ..RULES };
+    draw(rig, view, photons, depth, &rules)
+}
+
 /// Runs the stage over photons and the camera's depth.
 fn draw(
     rig: &Rig<'_>,
@@ -159,7 +172,7 @@ fn draw(
     let most = [max_px, min_px]
         .map(|side_px| splat_value(rules.conserving, rules.photon_w, 0.0, 0.0, side_px));
     let settings = SplatUniforms {
-        size_px: UVec2::from(SIZE).as_vec2(),
+        size_px: view.size_px.as_vec2(),
         size_a_px: (size.size_px(1.0) - b) as f32,
         size_b_px_m: b as f32,
         photon_w: rules.photon_w as f32,
