@@ -29,8 +29,8 @@ pub fn cases() -> Vec<Case> {
         (splat::INFO.name, "raster", 1e-3, |rig, view, photons, depth| {
             splats::draw_on_surface(rig, view, photons, depth, Splatting::Raster)
         }),
-        (godrays::INFO.name, "quads", 0.02, lines),
-        (pixel_lines::INFO.name, "lines", 0.02, |rig, view, photons, _| {
+        (godrays::INFO.name, "quads", 2e-3, lines),
+        (pixel_lines::INFO.name, "lines", 0.01, |rig, view, photons, _| {
             shafts::draw(rig, view, photons, &rig.depth(view.size_px.into(), 1.0)?)
         }),
     ];
@@ -63,7 +63,7 @@ fn is_at_border((x, y): (u32, u32)) -> bool {
 fn drawn_over(rig: &Rig<'_>, times: u32, draw: DrawFn) -> Result<Image> {
     let fixture = |times: u32| -> Result<Fixture> {
         let mut scene = rig::flat_plane(LightKind::Directional)?;
-        scene.camera.up = [0.3, 1.0, 0.1];
+        (scene.camera.up, scene.camera.target_m) = ([0.3, 1.0, 0.1], [0.0, -5.0, 0.0]);
         scene.camera.fov_y_deg = 2.0 * (HALF_HEIGHT * f64::from(times)).atan().to_degrees();
         rig.fixture(scene, SIZE.map(|side| 2 * times * side))
     };

@@ -152,7 +152,7 @@ pub fn draw_on_surface(
     splatting: Splatting,
 ) -> Result<Image> {
     let coverage = SplatCoverage::Surface;
-    let rules = Rules { conserving: true, bias_m: 0.3, coverage, splatting, ..RULES };
+    let rules = Rules { conserving: true, bias_m: 0.03, coverage, splatting, ..RULES };
     draw(rig, view, photons, depth, &rules)
 }
 
