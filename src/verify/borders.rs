@@ -29,8 +29,8 @@ pub fn cases() -> Vec<Case> {
         (splat::INFO.name, "raster", 1e-3, |rig, view, photons, depth| {
             splats::draw_on_surface(rig, view, photons, depth, Splatting::Raster)
         }),
-        (godrays::INFO.name, "quads", 2e-3, lines),
-        (pixel_lines::INFO.name, "lines", 0.01, |rig, view, photons, _| {
+        (godrays::INFO.name, "quads", 0.01, lines),
+        (pixel_lines::INFO.name, "lines", 0.03, |rig, view, photons, _| {
             shafts::draw(rig, view, photons, &rig.depth(view.size_px.into(), 1.0)?)
         }),
     ];

@@ -67,7 +67,7 @@ fn godray(photon: &Photon) -> Godray {
 
 /// Lines in their own cells.
 fn isolated(rig: &Rig<'_>, eye_m: f64) -> Checks {
-    let lines = LineScene::new(rig, eye_m, LightKind::Directional)?;
+    let lines = LineScene::new(eye_m, LightKind::Directional)?;
     let image = draw(rig, &lines.view, &lines.photons)?;
     let errors = |medium: Medium, width_px: f64| lines.errors(&image, medium, width_px);
     let exact = errors(MEDIUM, WIDTH_PX);
@@ -94,7 +94,7 @@ struct LineScene {
 }
 
 impl LineScene {
-    fn new(rig: &Rig<'_>, eye_m: f64, light: LightKind) -> Result<Self> {
+    fn new(eye_m: f64, light: LightKind) -> Result<Self> {
         let mut view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
         (view.camera.position_m[1], view.camera.target_m[1]) = (eye_m, eye_m);
         (view.camera.z_near_m, view.light.kind) = (Z_NEAR_M, light);
@@ -167,7 +167,7 @@ impl LineScene {
 /// length in pixels does: it is the integral of the intensity along them.
 fn conserved(rig: &Rig<'_>, light: LightKind) -> Result<Check> {
     const STEPS: u32 = 400;
-    let lines = LineScene::new(rig, EYES_M[0], light)?;
+    let lines = LineScene::new(EYES_M[0], light)?;
     let frame = lines.view.light_frame();
     // A grid that is even on the light's screen: cos³ is the solid angle of a cell over that in the middle.
     let weight = |entry: DVec3| match light {

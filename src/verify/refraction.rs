@@ -1,6 +1,7 @@
 //! `refraction/compose` and `refraction/surface`: pictures of what lines of sight meet behind glass and behind the water, against exact rays.
 
 use crate::prelude::*;
+use fathom_reference::quantities::quantile;
 use fathom_reference::specular::{Ray, Surfaces};
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::{Exits, compose, surface};
@@ -15,9 +16,34 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(compose::INFO.name, "the environment", environment),
         Case::new(compose::INFO.name, "opaque objects through glass", opaque_through_glass),
-        Case::new(surface::INFO.name, "waves from above", |rig| water_surface(rig, true)),
-        Case::new(surface::INFO.name, "waves from below", |rig| water_surface(rig, false)),
+        // From below so steeply that little is totally reflected.
+        surface_case(("above", 90), [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]], WIDE),
+        surface_case(("below", 80), [[0.4, -1.4, 3.0], [0.2, 1.6, 1.9]], WIDE),
+        surface_case(
+            ("above flat water", 90),
+            [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]],
+            [60.0, 0.0, 1.5],
+        ),
+        // Lines of sight cross up to twenty waves.
+        surface_case(
+            ("just above crests", 98),
+            [[0.4, 0.02, 3.0], [0.0, -0.04, -1.0]],
+            [4.0, 0.006, 0.25],
+        ),
     ]
+}
+
+/// Angle of view (degrees), the waves' amplitude and their length (metres).
+const WIDE: [f64; 3] = [60.0, 0.03, 1.5];
+
+/// Waves seen from a place of such a name, judged by such a percentile: the eye, and what it looks at.
+fn surface_case(
+    (from, percent): (&'static str, u8),
+    eye_to: [[f64; 3]; 2],
+    view: [f64; 3],
+) -> Case {
+    let run = move |rig: &Rig<'_>| water_surface(rig, (from, percent), eye_to, view);
+    Case::new(surface::INFO.name, format!("waves from {from}"), run)
 }
 
 /// Weighted mean radiance of the environment over some directions, over the irradiance: from when each colour agreed with the cube's description within
@@ -133,13 +159,17 @@ fn gradient(x_px: f64, y_px: f64) -> f64 {
 }
 
 /// The picture of a floor through waves, against exact refraction and reflection of each line of sight.
-fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
+fn water_surface(
+    rig: &Rig<'_>,
+    (from, percent): (&str, u8),
+    [eye, target]: [[f64; 3]; 2],
+    [fov_y_deg, amplitude_m, wavelength_m]: [f64; 3],
+) -> Result<Check> {
     const RED: usize = 0;
     let mut scene = Scene::load("plane")?;
-    scene.camera.position_m = [0.4, if above { 1.6 } else { -1.4 }, 3.0];
-    // From below so steeply that little is totally reflected.
-    scene.camera.target_m = if above { [0.0, -1.6, -1.0] } else { [0.2, 1.6, 1.9] };
-    scene.water.amplitude_m = 0.03;
+    (scene.camera.position_m, scene.camera.target_m) = (eye, target);
+    scene.camera.fov_y_deg = fov_y_deg;
+    (scene.water.amplitude_m, scene.water.wavelength_m) = (amplitude_m, wavelength_m);
     // Low, so that the sun is out of view: its lobe turns the least error of a normal into a large one.
     scene.light.direction = [0.9, -0.4, 0.6];
     let fixture = rig.fixture(scene, SIZE)?;
@@ -153,22 +183,21 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
         radiance: &rig.grey(&image),
     };
     let walk = walk_uniforms(&peel, scene.solid_bounds(), MIN_STEPS);
-    let bound_m = scene.water.bound_m();
-    let stage = surface::new(rig, shared, &dry, &walk, bound_m, None, EXPOSURE)?;
+    let stage = surface::new(rig, shared, &dry, &walk, &scene.water, None, EXPOSURE)?;
     let shown = rig.draw(&[&stage], stage.texture(), RED)?;
     let seen = pixels(SIZE).filter(|(x, y)| x % 4 == 1 && y % 4 == 1);
     let met: Vec<_> = seen.map(|at| (at, meet(&fixture, at))).collect();
     let error = |index: f64| {
         let water = WetFloor { fixture: &fixture, index };
-        percentile::<75>(met.iter().filter_map(|&(at, met)| {
+        let errors = met.iter().filter_map(|&(at, met)| {
             let exact = water.radiance(at, met)?;
             Some((radiance_of(shown.get(at), EXPOSURE) - exact).abs() / exact)
-        }))
+        });
+        quantile(&mut errors.collect::<Vec<_>>(), f64::from(percent) / 100.0)
     };
     let index = scene.water.refractive_index;
-    let side = if above { "above" } else { "below" };
     // Steps of an 8-bit display, and of the noise texture that makes the waves.
-    Ok(Check::new(rig, format!("from {side}: 75th percentile of the relative error"))
+    Ok(Check::new(rig, format!("from {from}: {percent}th percentile of the relative error"))
         .within((0.02, "1"), error(index))
         .control("index 10 % higher", error(1.1 * index)))
 }
