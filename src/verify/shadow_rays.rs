@@ -28,6 +28,8 @@ impl ShadowScene {
     fn new(rig: &Rig<'_>, kind: LightKind) -> Result<ShadowScene> {
         let mut scene = Scene::load("ball")?;
         scene.objects[0].material.receiver = true;
+        // They shade the floor as if it faced away from the light; its triangles face it.
+        scene.objects[0].mesh.normals.fill([-0.8, 0.6, 0.0]);
         scene.camera.up = [0.2, 1.0, 0.1];
         scene.light.kind = kind;
         scene.light.position_m = [2.5, 1.0, 1.5];

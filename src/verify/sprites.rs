@@ -32,8 +32,10 @@ const SPRITE: Sprite =
 struct SpriteScene {
     fixture: Fixture,
     layers: Layers,
-    hits: Vec<DVec3>,
+    /// Each with the weight of its ray.
+    hits: Vec<(DVec3, f32)>,
     photons: Photons,
+    weights: Vec<f32>,
 }
 
 impl SpriteScene {
@@ -60,14 +62,17 @@ impl SpriteScene {
         };
         let hits: Vec<DVec3> = (0..60).filter_map(hit).collect();
         let photon = |hit: &DVec3| rig::photon(*hit + DVec3::Y, *hit, 1.0);
-        let photons = rig.photons(&hits.iter().map(photon).collect::<Vec<_>>());
-        Ok(SpriteScene { fixture, layers: peel.output, hits, photons })
+        let mut photons = rig.photons(&hits.iter().map(photon).collect::<Vec<_>>());
+        photons.per_ray = 3;
+        let weights: Vec<f32> = hits.iter().map(|_| random.within(0.2, 1.8) as f32).collect();
+        let hits = (0..).zip(hits).map(|(number, hit)| (hit, weights[number / 3])).collect();
+        Ok(SpriteScene { fixture, layers: peel.output, hits, photons, weights })
     }
 
     /// Irradiance that the sprites bring to what a stand's camera sees.
     fn irradiance(&self, rig: &Rig<'_>, fixture: &Fixture, sprite: &Sprite) -> Result<Image> {
         let seen = rig.gbuffer(fixture)?.depth;
-        let photons = (&self.photons, &rig.ones(self.photons.count));
+        let photons = (&self.photons, &rig.words(bytemuck::cast_slice(&self.weights)));
         let stage = draw::new(rig, &fixture.shared, photons, &self.layers, &seen, sprite)?;
         rig.draw(&[&stage], stage.texture(), 0)
     }
@@ -76,10 +81,11 @@ impl SpriteScene {
     fn errors(&self, irradiance: &Image, normal: DVec3, radius_m: f64) -> f64 {
         let error = |(x, y): (u32, u32)| {
             let (origin, direction, _) = self.fixture.rays.ray(x, y);
-            let of_sprite = |hit: &DVec3| {
+            let of_sprite = |(hit, weight): &(DVec3, f32)| {
+                let carried = SPRITE.rise_w_m3() * f64::from(*weight);
                 let far_m = (*hit - origin).dot(normal) / direction.dot(normal);
                 let r = (origin + direction * far_m).distance(*hit);
-                SPRITE.rise_w_m3() * transmittance(GAMMA_PER_M, 1.0) * (radius_m - r).max(0.0)
+                carried * transmittance(GAMMA_PER_M, 1.0) * (radius_m - r).max(0.0)
             };
             (irradiance.get((x, y)) - self.hits.iter().map(of_sprite).sum::<f64>()).abs()
         };
@@ -91,11 +97,12 @@ impl SpriteScene {
 fn energy(rig: &Rig<'_>) -> Result<Check> {
     let lit = SpriteScene::new(rig)?;
     let irradiance = lit.irradiance(rig, &lit.fixture, &SPRITE)?;
-    let floor = (DVec3::Y * mean(lit.hits.iter().map(|hit| hit.y)), DVec3::Y);
+    let floor = (DVec3::Y * mean(lit.hits.iter().map(|(hit, _)| hit.y)), DVec3::Y);
     let area = |at| rig::area_shown(&lit.fixture.rays, at, floor);
     let shown = pixels(SIZE).filter(|at| irradiance.get(*at) > 0.0);
     let brought: f64 = shown.map(|at| irradiance.get(at) * area(at)).sum();
-    let flux = SPRITE.photon_w * transmittance(GAMMA_PER_M, 1.0) * lit.hits.len() as f64;
+    let weights: f64 = lit.hits.iter().map(|(_, weight)| f64::from(*weight)).sum();
+    let flux = SPRITE.photon_w * transmittance(GAMMA_PER_M, 1.0) * weights;
     Ok(Check::new(rig, "sum of irradiance × area over the photons' flux: relative error")
         .within((0.01, "1"), relative_error(brought, flux))
         .control("one photon in twenty more", relative_error(brought, 1.05 * flux)))
@@ -106,7 +113,7 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
     let lit = SpriteScene::new(rig)?;
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.camera = lit.fixture.scene.camera.clone();
-    let middle = lit.hits.iter().sum::<DVec3>() / lit.hits.len() as f64;
+    let middle = lit.hits.iter().map(|(hit, _)| *hit).sum::<DVec3>() / lit.hits.len() as f64;
     let between = middle.lerp(scene.camera.position(), 0.4);
     let wall = Mesh::parallelogram(between, 0.15 * DVec3::X, 0.6 * DVec3::Y);
     scene.objects.push(Object::new("wall", wall));
