@@ -1,6 +1,7 @@
 //! Refraction through glass as the camera sees it: Krüger, Bürger and Westermann (SPT) §4 and Table 1, beside Wyman's approximation.
 
 use std::collections::BTreeMap;
+use std::iter::successors;
 
 use glam::{DVec2, DVec3, DVec4, UVec2, Vec4Swizzles};
 use rayon::prelude::*;
@@ -9,11 +10,12 @@ use serde::{Deserialize, Serialize};
 use super::screen_tracing::{self, Composition, LayeredDepth, MAX_TILES, ROWS};
 use super::settings::{self, VIEWPORT};
 use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance};
-use super::{even_step, objects_of, share, to_map};
+use super::{even_step, exact_answers, objects_of, share, to_map};
 use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError, read_texture};
+use fathom_record::{Note, NoteKind};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
@@ -74,6 +76,8 @@ impl GlassSettings {
     }
 }
 
+/// Most layers that can be set.
+const MAX_LAYERS: usize = 64;
 /// At most about this many pixels are compared with the reference.
 const MAX_PIXELS: usize = 20_000;
 
@@ -162,7 +166,8 @@ impl PipelineInstance for ScreenRefraction {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let mut angles_deg = self.angles_deg(&self.read_exits(judge.gpu)?, judge.scene)?;
+        let found = self.read_exits(judge.gpu)?;
+        let mut angles_deg = self.angles_deg(&found, judge.scene)?;
         let stage = match self.params.refraction.method {
             ExitMethod::Trace => &trace::INFO,
             ExitMethod::TwoInterface => &two_interface::INFO,
@@ -171,7 +176,15 @@ impl PipelineInstance for ScreenRefraction {
             ("refraction_error_median_deg", quantile(&mut angles_deg, 0.5), "°"),
             ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9), "°"),
         ];
-        Ok(Errors::new(stage.name, errors, []))
+        let GlassSettings { method, surface, .. } = self.params.refraction;
+        let mut judged = Errors::new(stage.name, errors, []);
+        // The paper's method takes two layers whatever is set.
+        if method == ExitMethod::Trace && surface != GlassSurface::Depth {
+            let (rate, note) = self.overflow(&found, judge.scene);
+            judged.quantities.insert("layers_overflow_rate".to_owned(), rate);
+            judged.notes.extend(note);
+        }
+        Ok(judged)
     }
 }
 
@@ -297,6 +310,28 @@ impl ScreenRefraction {
             (place[3] > 0.0).then_some(Exit { direction, inside: along[3] > 0.0 })
         };
         Ok(positions.data.chunks_exact(4).zip(directions.data.chunks_exact(4)).map(exit).collect())
+    }
+
+    /// Of an even selection of the pixels that show glass, the share that show more surfaces of it than there are layers; and a note of them.
+    fn overflow(&self, found: &[Option<Exit>], scene: &Scene) -> (f64, Option<Note>) {
+        let tracer = Tracer::new(&objects_of(scene, Objects::Glass));
+        let [width, height] = self.view.size_px.to_array();
+        let (rays, layers) = (PixelRays::new(&scene.camera, width, height), self.params.ldi.layers);
+        let off_m = OFF_M * scene.solid_bounds().tank_scale();
+        let counts = exact_answers(found.len(), MAX_PIXELS, |pixel| {
+            found[pixel].as_ref()?;
+            let (origin, direction, _) = rays.ray(pixel as u32 % width, pixel as u32 / width);
+            let next = |from_m| tracer.cast(origin, direction, from_m, f64::MAX);
+            let hits = successors(next(0.0), |hit| next(hit.distance_m + off_m));
+            Some(hits.take(MAX_LAYERS).count() as u32)
+        });
+        let over = counts.iter().filter(|(_, count)| *count > layers).count();
+        let most = counts.iter().map(|(_, count)| *count).max().unwrap_or_default();
+        let text = format!(
+            "{over} of {} pixels of glass show more surfaces than ldi.layers = {layers} holds: set ldi.layers = {most}",
+            counts.len()
+        );
+        (share(over, counts.len()), (over > 0).then(|| Note::new(NoteKind::LayersFull, text)))
     }
 
     /// Angles between rays and exact ones, of an even selection of the pixels that show glass.
