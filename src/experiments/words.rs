@@ -208,11 +208,6 @@ const FIGURES: &[LabelEntry] = &[
         "photons that come by mirror or glass, of those that end in view",
         Percent,
     ),
-    (
-        "photon_specular_wrong_surface_rate",
-        "photons on a wrong surface, of those behind mirrors and glass",
-        Percent,
-    ),
     ("photon_wrong_face_rate", "photons on a wrong face", Percent),
     ("photon_wrong_surface_rate", "photons on a wrong surface, of those that end in view", Percent),
     ("photons_full_rate", "photons that light as many places as are kept", Percent),

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::screen_tracing::{self, Composition, LayeredDepth, MAX_TILES, ROWS};
 use super::settings::{self, VIEWPORT};
 use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance};
-use super::{even_step, exact_answers, objects_of, share, to_map};
+use super::{even_step, objects_of, share, to_map};
 use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
@@ -167,7 +167,7 @@ impl PipelineInstance for ScreenRefraction {
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let found = self.read_exits(judge.gpu)?;
-        let mut angles_deg = self.angles_deg(&found, judge.scene)?;
+        let (mut angles_deg, surfaces) = self.angles_deg(&found, judge.scene)?;
         let stage = match self.params.refraction.method {
             ExitMethod::Trace => &trace::INFO,
             ExitMethod::TwoInterface => &two_interface::INFO,
@@ -177,12 +177,20 @@ impl PipelineInstance for ScreenRefraction {
             ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9), "°"),
         ];
         let GlassSettings { method, surface, .. } = self.params.refraction;
-        let mut judged = Errors::new(stage.name, errors, []);
         // The paper's method takes two layers whatever is set.
-        if method == ExitMethod::Trace && surface != GlassSurface::Depth {
-            let (rate, note) = self.overflow(&found, judge.scene);
-            judged.quantities.insert("layers_overflow_rate".to_owned(), rate);
-            judged.notes.extend(note);
+        if method == ExitMethod::TwoInterface || surface == GlassSurface::Depth {
+            return Ok(Errors::new(stage.name, errors, []));
+        }
+        let layers = self.params.ldi.layers as usize;
+        let over = surfaces.iter().filter(|count| **count > layers).count();
+        let rate = ("layers_overflow_rate", share(over, surfaces.len()));
+        let mut judged = Errors::new(stage.name, errors, [rate]);
+        if let Some(most) = surfaces.iter().max().filter(|most| **most > layers) {
+            let of = surfaces.len();
+            let text = format!(
+                "{over} of {of} pixels of glass have more surfaces than ldi.layers = {layers}: set it to {most}"
+            );
+            judged.notes.push(Note::new(NoteKind::LayersFull, text));
         }
         Ok(judged)
     }
@@ -312,32 +320,14 @@ impl ScreenRefraction {
         Ok(positions.data.chunks_exact(4).zip(directions.data.chunks_exact(4)).map(exit).collect())
     }
 
-    /// Of an even selection of the pixels that show glass, the share that show more surfaces of it than there are layers; and a note of them.
-    fn overflow(&self, found: &[Option<Exit>], scene: &Scene) -> (f64, Option<Note>) {
-        let tracer = Tracer::new(&objects_of(scene, Objects::Glass));
-        let [width, height] = self.view.size_px.to_array();
-        let (rays, layers) = (PixelRays::new(&scene.camera, width, height), self.params.ldi.layers);
-        let off_m = OFF_M * scene.solid_bounds().tank_scale();
-        let counts = exact_answers(found.len(), MAX_PIXELS, |pixel| {
-            found[pixel].as_ref()?;
-            let (origin, direction, _) = rays.ray(pixel as u32 % width, pixel as u32 / width);
-            let next = |from_m| tracer.cast(origin, direction, from_m, f64::MAX);
-            let hits = successors(next(0.0), |hit| next(hit.distance_m + off_m));
-            Some(hits.take(MAX_LAYERS).count() as u32)
-        });
-        let over = counts.iter().filter(|(_, count)| *count > layers).count();
-        let most = counts.iter().map(|(_, count)| *count).max().unwrap_or_default();
-        let text = format!(
-            "{over} of {} pixels of glass show more surfaces than ldi.layers = {layers} holds: set ldi.layers = {most}",
-            counts.len()
-        );
-        (share(over, counts.len()), (over > 0).then(|| Note::new(NoteKind::LayersFull, text)))
-    }
-
-    /// Angles between rays and exact ones, of an even selection of the pixels that show glass.
-    fn angles_deg(&self, found: &[Option<Exit>], scene: &Scene) -> Result<Vec<f64>, JudgeError> {
+    /// Of an even selection of the pixels that show glass: angles between rays and exact ones, and how many surfaces of glass lie behind each.
+    fn angles_deg(
+        &self,
+        found: &[Option<Exit>],
+        scene: &Scene,
+    ) -> Result<(Vec<f64>, Vec<usize>), JudgeError> {
         let objects = objects_of(scene, Objects::Glass);
-        let tracer = Tracer::new(&objects);
+        let (tracer, off_m) = (Tracer::new(&objects), OFF_M * scene.solid_bounds().tank_scale());
         let surfaces =
             Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
         let [width, height] = self.view.size_px.to_array();
@@ -349,9 +339,12 @@ impl ScreenRefraction {
         let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
         let angle = |(pixel, exit): &(u32, &Exit)| {
             let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
+            let next = |from_m| tracer.cast(origin, direction, from_m, f64::MAX);
+            let hits = successors(next(0.0), |hit| next(hit.distance_m + off_m));
             let exact = surfaces.ray_behind(surfaces.sight(origin, direction), count)?;
-            Some(exit.direction.angle_between(exact.direction).to_degrees())
+            let angle_deg = exit.direction.angle_between(exact.direction).to_degrees();
+            Some((angle_deg, hits.take(MAX_LAYERS).count()))
         };
-        Ok(seen.par_iter().filter_map(angle).collect())
+        Ok(seen.par_iter().filter_map(angle).unzip())
     }
 }

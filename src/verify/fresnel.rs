@@ -21,20 +21,17 @@ const STEEPEST: f64 = 1.48;
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(splat::INFO.name, "Fresnel transmission of splats", |rig| {
-            let draw = |rig: &Rig<'_>, view: &View, photons: &[Photon]| {
-                draw_free(rig, view, photons, &RULES)
-            };
-            transmitted(rig, (512, LightKind::Point), draw)
+            transmitted(rig, 512, |rig, view, photons| draw_free(rig, view, photons, &RULES))
         }),
         Case::new(line::INFO.name, "Fresnel transmission of lines", |rig| {
-            transmitted(rig, (384, LightKind::Directional), lines::draw)
+            transmitted(rig, 384, lines::draw)
         }),
     ]
 }
 
-/// A photon for each cell that was refracted by a surface of another slope, and its angle of incidence's cosine.
+/// A photon of a point light for each cell that was refracted by a surface of another slope, and its angle of incidence's cosine.
 fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
-    let frame = view.light_frame();
+    let light = view.light_frame().position;
     let mut random = Random::new(7);
     let count = CELLS * CELLS;
     let photon = |i: u32| {
@@ -42,16 +39,12 @@ fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
         let cell_px = f64::from(side_px / CELLS);
         let at = [i % CELLS, i / CELLS].map(|cell| (f64::from(cell) + 0.5) * cell_px);
         let (_, (entry, _)) = photon_at(view, at, 6.0, 1.0);
-        let incident = match view.light.kind {
-            LightKind::Directional => frame.forward,
-            LightKind::Point => (entry - frame.position).normalize(),
-        };
+        let incident = (entry - light).normalize();
         let across = incident.any_orthonormal_vector();
         let around = across.rotate_axis(incident, random.within(0.0, TAU));
         let normal = -incident * angle.cos() + around * angle.sin();
         let refracted = refract(incident, normal, 1.0, INDEX).unwrap_or(incident);
-        let hit = entry + refracted * PATH_M;
-        (rig::photon(entry, hit, PATH_M), angle.cos())
+        (rig::photon(entry, entry + refracted * PATH_M, PATH_M), angle.cos())
     };
     (0..count).map(photon).collect()
 }
@@ -69,11 +62,11 @@ fn cell_sums(image: &Image) -> Vec<f64> {
 /// What each photon adds to the picture with transmission over what it adds without, against the exact transmittance.
 fn transmitted(
     rig: &Rig<'_>,
-    (side_px, light): (u32, LightKind),
+    side_px: u32,
     drawn: fn(&Rig<'_>, &View, &[Photon]) -> Result<Image>,
 ) -> Result<Check> {
     let mut view = rig::synthetic_view([side_px; 2], 0.0)?;
-    view.light.kind = light;
+    view.light.kind = LightKind::Point;
     let (photons, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, side_px).into_iter().unzip();
     let mut draw = |fresnel: bool| -> Result<Vec<f64>> {
         view.water.fresnel = fresnel;

@@ -9,7 +9,6 @@
 
 mod ao_compose;
 mod bilateral;
-mod borders;
 mod camera;
 mod compose;
 mod deform;
@@ -200,7 +199,6 @@ pub fn cases() -> Vec<Case> {
         effects::cases(),
         glass::cases(),
         splats::cases(),
-        borders::cases(),
         lines::cases(),
         fresnel::cases(),
         filters::cases(),

@@ -13,38 +13,30 @@ const MIN_STEPS: u32 = 8;
 const EXPOSURE: f64 = 0.4;
 
 pub fn cases() -> Vec<Case> {
-    vec![
+    let mut cases = vec![
         Case::new(compose::INFO.name, "the environment", environment),
         Case::new(compose::INFO.name, "opaque objects through glass", opaque_through_glass),
-        // From below so steeply that little is totally reflected.
-        surface_case(("above", 90), [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]], WIDE),
-        surface_case(("below", 80), [[0.4, -1.4, 3.0], [0.2, 1.6, 1.9]], WIDE),
-        surface_case(
-            ("above flat water", 90),
-            [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]],
-            [60.0, 0.0, 1.5],
-        ),
-        // Lines of sight cross up to twenty waves.
-        surface_case(
-            ("just above crests", 98),
-            [[0.4, 0.02, 3.0], [0.0, -0.04, -1.0]],
-            [4.0, 0.006, 0.25],
-        ),
-    ]
+    ];
+    cases.extend(Case::each(
+        surface::INFO.name,
+        WATERS,
+        |water| format!("waves from {}", water.0),
+        water_surface,
+    ));
+    cases
 }
 
-/// Angle of view (degrees), the waves' amplitude and their length (metres).
-const WIDE: [f64; 3] = [60.0, 0.03, 1.5];
+/// Where waves are seen from, the percentile that is judged, the eye and what it looks at, the angle of view (degrees), and the waves'
+/// amplitude and length (metres).
+type WaterView = (&'static str, u8, [[f64; 3]; 2], [f64; 3]);
 
-/// Waves seen from a place of such a name, judged by such a percentile: the eye, and what it looks at.
-fn surface_case(
-    (from, percent): (&'static str, u8),
-    eye_to: [[f64; 3]; 2],
-    view: [f64; 3],
-) -> Case {
-    let run = move |rig: &Rig<'_>| water_surface(rig, (from, percent), eye_to, view);
-    Case::new(surface::INFO.name, format!("waves from {from}"), run)
-}
+/// From below so steeply that little is totally reflected. From the crests lines of sight cross up to twenty waves.
+const WATERS: [WaterView; 4] = [
+    ("above", 90, [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]], [60.0, 0.03, 1.5]),
+    ("below", 80, [[0.4, -1.4, 3.0], [0.2, 1.6, 1.9]], [60.0, 0.03, 1.5]),
+    ("above, flat", 90, [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]], [60.0, 0.0, 1.5]),
+    ("just above crests", 98, [[0.4, 0.02, 3.0], [0.0, -0.04, -1.0]], [4.0, 0.006, 0.25]),
+];
 
 /// Weighted mean radiance of the environment over some directions, over the irradiance: from when each colour agreed with the cube's description within
 /// the steps of an 8-bit display, on lavapipe (Mesa 22.3) and SwiftShader.
@@ -159,17 +151,11 @@ fn gradient(x_px: f64, y_px: f64) -> f64 {
 }
 
 /// The picture of a floor through waves, against exact refraction and reflection of each line of sight.
-fn water_surface(
-    rig: &Rig<'_>,
-    (from, percent): (&str, u8),
-    [eye, target]: [[f64; 3]; 2],
-    [fov_y_deg, amplitude_m, wavelength_m]: [f64; 3],
-) -> Result<Check> {
+fn water_surface(rig: &Rig<'_>, (from, percent, eye_to, waves): WaterView) -> Result<Check> {
     const RED: usize = 0;
     let mut scene = Scene::load("plane")?;
-    (scene.camera.position_m, scene.camera.target_m) = (eye, target);
-    scene.camera.fov_y_deg = fov_y_deg;
-    (scene.water.amplitude_m, scene.water.wavelength_m) = (amplitude_m, wavelength_m);
+    [scene.camera.position_m, scene.camera.target_m] = eye_to;
+    [scene.camera.fov_y_deg, scene.water.amplitude_m, scene.water.wavelength_m] = waves;
     // Low, so that the sun is out of view: its lobe turns the least error of a normal into a large one.
     scene.light.direction = [0.9, -0.4, 0.6];
     let fixture = rig.fixture(scene, SIZE)?;

@@ -73,33 +73,23 @@ impl ShaftLine {
 /// A line, and its pixels with what they show.
 type LinePixels = (ShaftLine, Vec<((u32, u32), f64)>);
 
-/// Photons of weight 1.
-pub fn draw(
-    rig: &Rig<'_>,
-    view: &View,
-    photons: &[Photon],
-    depth: &wgpu::Texture,
-) -> Result<Image> {
-    let inputs = (&rig.photons(photons), &rig.ones(photons.len() as u32));
-    let stage = lines::new(rig, &Shared::new(rig, view), inputs, depth, PHOTON_W, 1.0)?;
-    rig.draw(&[&stage], &stage.texture, 0)
-}
-
 /// Random lines one after the other, each drawn over a depth.
 fn draw_lines(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<LinePixels>> {
-    let rays = rig::rays(view);
+    let (shared, rays) = (Shared::new(rig, view), rig::rays(view));
     let depth = rig.depth(SIZE, depth)?;
     let mut random = Random::new(seed);
     let lines: Vec<ShaftLine> =
         (0..LINES).filter_map(|_| ShaftLine::random(&mut random, &rays)).collect();
-    let draw_line = |line: ShaftLine| {
+    let draw = |line: ShaftLine| {
         let [start, end] = line.ends_m;
-        let photon = rig::photon(start, end, BEFORE_M + start.distance(end));
-        let image = draw(rig, view, &[photon], &depth)?;
+        let photons = rig.photons(&[rig::photon(start, end, BEFORE_M + start.distance(end))]);
+        let inputs = (&photons, &rig.ones(photons.count));
+        let stage = lines::new(rig, &shared, inputs, &depth, PHOTON_W, 1.0)?;
+        let image = rig.draw(&[&stage], &stage.texture, 0)?;
         let lit = pixels(SIZE).map(|at| (at, image.get(at))).filter(|(_, value)| *value > 0.0);
         Ok((line, lit.collect()))
     };
-    lines.into_iter().map(draw_line).collect()
+    lines.into_iter().map(draw).collect()
 }
 
 /// Length of the part of a segment that is below y = 0.

@@ -36,6 +36,7 @@ pub fn cases() -> Vec<Case> {
             by(rules, "splats within one surface", within_surface),
             by(rules, "sum of many small contributions", accumulation),
             by(rules, "splats that the border cuts", cut),
+            by(rules, "border of the picture", border),
             by(rules, "splats of more pixels than a loop has turns", large),
         ]);
     }
@@ -141,19 +142,6 @@ type HitPath = (DVec3, f64);
 /// Runs the stage over photons with nothing to hide them.
 pub fn draw_free(rig: &Rig<'_>, view: &View, of: &[Photon], rules: &Rules) -> Result<Image> {
     draw(rig, view, of, &rig.depth(SIZE, 1.0)?, rules)
-}
-
-/// The default coverage of surfaces.
-pub fn draw_on_surface(
-    rig: &Rig<'_>,
-    view: &View,
-    photons: &[Photon],
-    depth: &wgpu::Texture,
-    splatting: Splatting,
-) -> Result<Image> {
-    let coverage = SplatCoverage::Surface;
-    let rules = Rules { conserving: true, bias_m: 0.03, coverage, splatting, ..RULES };
-    draw(rig, view, photons, depth, &rules)
 }
 
 /// Runs the stage over photons and the camera's depth.
@@ -407,6 +395,50 @@ fn cut(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
         photon_between(&view, at.map(|a| a * side), share, random.within(0.5, 8.0))
     });
     extremes(rig, &view, photons, rules, "splats of 0.4 to 400 px cut by the border")
+}
+
+/// A picture is the middle of one three times as wide and as high, seen from the same eye: of a slanted floor, with a depth twice as fine
+/// as the buffer, and photons in the middle and beyond its border.
+fn border(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
+    const BUFFER: [u32; 2] = [96, 72];
+    const BORDER_PX: u32 = 8;
+    let fixture = |times: u32| -> Result<Fixture> {
+        let mut scene = rig::flat_plane(LightKind::Directional)?;
+        (scene.camera.up, scene.camera.target_m) = ([0.3, 1.0, 0.1], [0.0, -5.0, 0.0]);
+        scene.camera.fov_y_deg = 2.0 * (0.36 * f64::from(times)).atan().to_degrees();
+        rig.fixture(scene, BUFFER.map(|side| 2 * times * side))
+    };
+    let (own, wider, mut random) = (fixture(1)?, fixture(3)?, Random::new(13));
+    let photon = |_| {
+        let [x, y] = BUFFER.map(|side| 2.0 * f64::from(side) * random.within(-0.2, 1.2));
+        let (origin, direction, _) = own.rays.ray_at(x, y);
+        let hit = own.tracer.cast(origin, direction, 0.0, f64::MAX)?.position;
+        Some(rig::photon(hit + DVec3::Y, hit, 1.0))
+    };
+    let photons: Vec<Photon> = (0..3000).filter_map(photon).collect();
+    let rules = Rules { coverage: SplatCoverage::Surface, bias_m: 0.03, ..rules };
+    let drawn = |fixture: &Fixture| {
+        let view = View { size_px: fixture.view.size_px / 2, ..fixture.view.clone() };
+        draw(rig, &view, &photons, &rig.gbuffer(fixture)?.depth, &rules)
+    };
+    let (own, wider) = (drawn(&own)?, drawn(&wider)?);
+    let middle = |aside: i64| {
+        Image::from_fn(BUFFER, |x, y| {
+            let [x, y] = [x + BUFFER[0], y + BUFFER[1]].map(i64::from);
+            wider.clamped(x + aside, y)
+        })
+    };
+    let at_border = |image: &Image| {
+        Image::from_fn(BUFFER, |x, y| {
+            let inner = [(x, BUFFER[0]), (y, BUFFER[1])].map(|(k, of)| k.min(of - 1 - k));
+            if inner[0].min(inner[1]) < BORDER_PX { image.get((x, y)) } else { 0.0 }
+        })
+    };
+    let off = |aside: i64| difference(&at_border(&own), &at_border(&middle(aside)));
+    let what = format!("border of the picture, {}: Σ |difference| / Σ", name(rules.splatting));
+    Ok(Check::new(rig, format!("{what} from the middle of a wider one"))
+        .within((1e-3, "1"), off(0))
+        .control("a pixel aside", off(1)))
 }
 
 /// Splats of more pixels than an adapter may make turns of an invocation's loops.

@@ -49,6 +49,8 @@ impl SpriteScene {
         scene.camera.fov_y_deg = fov_y_deg;
         scene.water.attenuation_per_m = GAMMA_PER_M;
         scene.camera.up = [0.3, 1.0, 0.1];
+        // Sprites lie in the triangles' planes, not across these.
+        scene.objects[0].mesh.normals.fill([0.6, 0.8, 0.0]);
         let fixture = rig.fixture(scene, SIZE)?;
         let part = (&fixture.geometry, Objects::Solid);
         let peel = peel::new(rig, &fixture.shared, &fixture.scene, part, SIZE, 2)?;

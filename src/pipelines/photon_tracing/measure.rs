@@ -24,7 +24,7 @@ const MAX_PHOTONS: usize = 10_000;
 /// A photon that ends farther than this from its exact end lies on another surface, metres in scene tank: ten times the tolerance of SPT §5.
 const WRONG_M: f64 = 0.1;
 /// Rates of every frame that are no errors.
-const QUANTITIES: [&str; 9] = [
+const QUANTITIES: [&str; 8] = [
     "photon_off_frustum_rate",
     "photon_false_hit_rate",
     "caustics_photon_leak_rate",
@@ -33,7 +33,6 @@ const QUANTITIES: [&str; 9] = [
     "photon_passed_rate",
     "photon_specular_rate",
     "photon_specular_miss_rate",
-    "photon_specular_wrong_surface_rate",
 ];
 
 #[derive(Default)]
@@ -108,8 +107,6 @@ impl Tally {
             let error_m = found[0].hit().distance(position);
             self.count("photon_wrong_surface_rate", [error_m > wrong_m]);
             self.errors_m.push(error_m);
-            let is_wrong = exact.specular.then_some(error_m > wrong_m);
-            self.count("photon_specular_wrong_surface_rate", is_wrong);
             self.specular_errors_m.extend(exact.specular.then_some(error_m));
             let path_error_m = (f64::from(found[0].distance_m) - exact.path_m).abs();
             self.path_errors_m.extend(exact.specular.then_some(path_error_m));
@@ -293,7 +290,6 @@ mod tests {
             ("photon_passed_rate", [1, 2]),
             ("photon_specular_miss_rate", [1, 2]),
             ("photon_specular_rate", [2, 6]),
-            ("photon_specular_wrong_surface_rate", [1, 1]),
             ("photon_wrong_surface_rate", [3, 4]),
             ("photons_full_rate", [0, 1]),
         ];
