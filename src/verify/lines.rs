@@ -16,7 +16,7 @@ const PHOTON_W: f64 = 0.05;
 /// Cells per side in which isolated lines lie.
 const CELLS: u32 = 4;
 /// The near plane, and a wall across the view: both cut lines.
-const SEEN_M: [f64; 2] = [0.8, 4.0];
+const SEEN_M: [f64; 2] = [1.4, 3.5];
 /// Heights of the eye in the water, at its surface and above it, where lines lie on both sides of the surface; the light, and whether lines
 /// keep their energy.
 const VIEWS: [(f64, LightKind, bool); 3] = [
@@ -107,7 +107,7 @@ impl LineScene {
                 let (near, direction, _) = rays.ray_at(at[0], at[1]);
                 if distance_m > 0.0 { eye + direction * distance_m } else { near }
             };
-            let far_m = [(); 2].map(|()| random.within(1.2, 6.0));
+            let far_m = [(); 2].map(|()| random.within(1.8, 5.0));
             let cut = |at: u32| if i % 3 == at { 0.0 } else { far_m[at as usize] };
             let mut ends = [end(-1.0, cut(0)), end(1.0, cut(1))];
             if let Some(end) = ends.get(i as usize % 3) {
