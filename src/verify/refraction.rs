@@ -13,17 +13,12 @@ const MIN_STEPS: u32 = 8;
 const EXPOSURE: f64 = 0.4;
 
 pub fn cases() -> Vec<Case> {
-    let mut cases = vec![
+    let from = |water: WaterView| format!("waves from {}", water.0);
+    let glass = [
         Case::new(compose::INFO.name, "the environment", environment),
         Case::new(compose::INFO.name, "opaque objects through glass", opaque_through_glass),
     ];
-    cases.extend(Case::each(
-        surface::INFO.name,
-        WATERS,
-        |water| format!("waves from {}", water.0),
-        water_surface,
-    ));
-    cases
+    glass.into_iter().chain(Case::each(surface::INFO.name, WATERS, from, water_surface)).collect()
 }
 
 /// Where waves are seen from, the percentile that is judged, the eye and what it looks at, the angle of view (degrees), and the waves'

@@ -58,7 +58,7 @@ struct Tally {
     errors_m: Vec<f64>,
     /// The same of those that come by a mirror or glass.
     specular_errors_m: Vec<f64>,
-    /// And how far their ways under water are from the exact ones.
+    /// The same of their ways under water.
     path_errors_m: Vec<f64>,
     /// Of how many how many are so, by the rate that it gives.
     counts: BTreeMap<&'static str, [usize; 2]>,
@@ -107,9 +107,10 @@ impl Tally {
             let error_m = found[0].hit().distance(position);
             self.count("photon_wrong_surface_rate", [error_m > wrong_m]);
             self.errors_m.push(error_m);
-            self.specular_errors_m.extend(exact.specular.then_some(error_m));
-            let path_error_m = (f64::from(found[0].distance_m) - exact.path_m).abs();
-            self.path_errors_m.extend(exact.specular.then_some(path_error_m));
+            if exact.specular {
+                self.specular_errors_m.push(error_m);
+                self.path_errors_m.push((f64::from(found[0].distance_m) - exact.path_m).abs());
+            }
         }
     }
 
@@ -185,10 +186,10 @@ impl PhotonTracing {
         let stage = self.params.rays.method.info().name;
         let mut judged = Errors::new(stage, errors.into_iter().chain(distances), rates);
         if !ends.specular_errors_m.is_empty() {
-            let medians = [&mut ends.specular_errors_m, &mut ends.path_errors_m]
-                .map(|errors_m| quantile(errors_m, 0.5));
-            let names = ["photon_specular_error_median_m", "photon_specular_path_error_median_m"];
-            judged.quantities.extend(to_map(names.into_iter().zip(medians)));
+            judged.quantities.extend(to_map([
+                ("photon_specular_error_median_m", quantile(&mut ends.specular_errors_m, 0.5)),
+                ("photon_specular_path_error_median_m", quantile(&mut ends.path_errors_m, 0.5)),
+            ]));
         }
         Ok(judged)
     }

@@ -1,12 +1,13 @@
 //! `refraction/surface`: the picture with the water's surface, which refracts and reflects lines of sight. SPT §4.
 
-use fathom_scene::Water;
 use glam::Vec2;
 
-use crate::entry::{MAX_ITERATIONS, REFINEMENTS, step_iterations};
+use crate::entry::{REFINEMENTS, step_iterations};
 use crate::picture::Shafts;
 use crate::prelude::*;
 use crate::screen_ray::{Layers, WalkUniforms, walk_iterations};
+use fathom_gpu::MAX_ITERATIONS;
+use fathom_scene::Water;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/surface",
@@ -25,7 +26,8 @@ shader_struct! {
     }
 }
 
-/// Most steps towards the water's surface: at a sixteenth of the shortest wave they cross sixteen such waves at least.
+/// Most steps towards the water's surface: at a sixteenth of the shortest wave they cross sixteen such waves. Long lists of waves leave room
+/// for fewer in large pictures.
 const MAX_SEARCHES: u64 = 256;
 
 /// What the camera sees without the water.
@@ -47,7 +49,12 @@ pub fn new(
     exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let size_px = dry.layers.size_px();
-    let searches = (MAX_ITERATIONS / step_iterations(water)).min(MAX_SEARCHES);
+    // The height of the water at the place found, and a ray to either side.
+    let found = (REFINEMENTS + 3) * (2 + shared.water_turns);
+    let rest = found + 2 * walk_iterations(walk.max_steps, 1);
+    let step = step_iterations(water);
+    let searches = (MAX_ITERATIONS.saturating_sub(rest) / step).clamp(1, MAX_SEARCHES);
+    resources.iterations("water.waves and view", searches * step + rest);
     let settings = SurfaceUniforms {
         size_px: Vec2::from(size_px.map(|side| side as f32)),
         exposure: exposure as f32,
@@ -55,10 +62,6 @@ pub fn new(
         steepest: water.steepest() as f32,
         searches: searches as u32,
     };
-    // The search for the surface, its height at the place found, and a ray to either side.
-    let found = (REFINEMENTS + 3) * (2 + shared.water_turns);
-    let steps = searches * step_iterations(water) + found;
-    resources.iterations("water.waves and view", steps + 2 * walk_iterations(walk.max_steps, 1));
     let settings = resources.uniform(INFO.name, &settings);
     let walked = resources.uniform(INFO.name, &WalkUniforms { layers: 1, ..walk.clone() });
     let Layers { depths, surfaces } = dry.layers;

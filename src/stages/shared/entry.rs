@@ -15,7 +15,7 @@ const BOUND_ROOM: f64 = 1.001;
 /// Most steps of a search: 64 of them cross four waves.
 const MAX_STEPS: u64 = 64;
 /// Most turns of a search, which leaves others to what follows in the same invocation.
-pub(crate) const MAX_ITERATIONS: u64 = 40_000;
+const MAX_ITERATIONS: u64 = 40_000;
 /// As in the shader.
 pub(crate) const REFINEMENTS: u64 = 8;
 
