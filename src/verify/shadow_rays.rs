@@ -97,7 +97,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let photon = |(number, hit): (usize, &Option<Hit>)| {
         let place = hit.map_or(DVec3::ZERO, |hit| hit.position);
         let light_m = seen.light_m(place);
-        let far_m = [0.5, 1.5, 0.0][number % 3] * if light_m.is_finite() { light_m } else { 4.0 };
+        let far_m = [0.5, 1.5, 0.0][number % 3] * if light_m.is_finite() { light_m } else { 4e3 };
         let end = rig::photon(place, place, far_m);
         if number % 3 == 2 { Photon { fate: OUTSIDE, ..end } } else { end }
     };
