@@ -76,8 +76,6 @@ impl GlassSettings {
     }
 }
 
-/// Most layers that can be set.
-const MAX_LAYERS: usize = 64;
 /// At most about this many pixels are compared with the reference.
 const MAX_PIXELS: usize = 20_000;
 
@@ -343,7 +341,7 @@ impl ScreenRefraction {
             let hits = successors(next(0.0), |hit| next(hit.distance_m + off_m));
             let exact = surfaces.ray_behind(surfaces.sight(origin, direction), count)?;
             let angle_deg = exit.direction.angle_between(exact.direction).to_degrees();
-            Some((angle_deg, hits.take(MAX_LAYERS).count()))
+            Some((angle_deg, hits.count()))
         };
         Ok(seen.par_iter().filter_map(angle).unzip())
     }

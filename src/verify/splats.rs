@@ -422,13 +422,10 @@ fn border(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     };
     let (own, wider) = (drawn(&own)?, drawn(&wider)?);
     let middle = |aside: i64| {
-        Image::from_fn(BUFFER, |x, y| {
-            let [x, y] = [x + BUFFER[0], y + BUFFER[1]].map(i64::from);
-            wider.clamped(x + aside, y)
-        })
+        let [left, top] = [i64::from(BUFFER[0]) + aside, i64::from(BUFFER[1])];
+        Image::from_fn(BUFFER, |x, y| wider.clamped(left + i64::from(x), top + i64::from(y)))
     };
-    let what = format!("border of the picture, {}: Σ |difference| / Σ", name(rules.splatting));
-    Ok(Check::new(rig, format!("{what} from the middle of a wider one"))
+    Ok(Check::new(rig, format!("border, {}: Σ |difference| / Σ", name(rules.splatting)))
         .within((1e-3, "1"), difference(&own, &middle(0)))
         .control("a pixel aside", difference(&own, &middle(1))))
 }

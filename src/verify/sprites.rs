@@ -131,8 +131,8 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
     let brightest = |visible_m: f64| -> Result<f64> {
         let irradiance = behind.irradiance(rig, &fixture, &Sprite { visible_m, ..SPRITE })?;
         // Beside the wall the floor is lit by sprites behind it too: some tens of W/m².
-        let beside = pixels(SIZE).filter(|at| !wall.contains(at));
-        let off = beside.map(|at| (irradiance.get(at) - open.get(at)).abs() - 1e-3);
+        let off = |at| (irradiance.get(at) - open.get(at)).abs() - 1e-3;
+        let off = pixels(SIZE).filter(|at| !wall.contains(at)).map(off);
         Ok(largest(wall.iter().map(|at| irradiance.get(*at)).chain(off)))
     };
     Ok(Check::new(rig, "greatest irradiance on a wall before the sprites, or change beside it")
