@@ -3,6 +3,7 @@
 #import fathom::uniforms::{frame}
 #import fathom::photon::{Photon, angular_weight, entered, has_landed}
 #import fathom::screen
+#import fathom::shading::{water_path_m}
 
 struct Lines {
     // Pixels of the godray buffer.
@@ -89,9 +90,9 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
     let to_viewer = frame.camera_position_m - in.position_m;
     let viewer_distance = length(to_viewer);
     let scattering = phase(dot(in.direction, to_viewer) / viewer_distance);
-    let intensity = in.photon_w * scattering
-        * exp(-frame.attenuation_per_m * (viewer_distance + in.depth_m));
-    return vec4(intensity);
+    // As printed for a viewer in the water; to one above it only a part of the way leads through water.
+    let wet_m = select(viewer_distance, water_path_m(in.position_m), frame.camera_position_m.y > 0.0);
+    return vec4(in.photon_w * scattering * exp(-frame.attenuation_per_m * (wet_m + in.depth_m)));
 }
 
 // The camera's depth brought to the size of this buffer, for the rasterizer's own depth test.

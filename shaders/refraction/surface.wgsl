@@ -4,6 +4,7 @@
 // underwater objects that are visible to the viewer in the absence of the water surface."
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{texel_of}
+#import fathom::photon::{LEAST_COMPONENT, Ray, above_water, refined}
 #import fathom::screen_ray::{Walk, hit, segment}
 #import fathom::shading::{SHAFT_TINT, display, fog, fresnel, sky, water_path_m}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
@@ -14,8 +15,10 @@ struct Surface {
     exposure: f32,
     // Radiance of a shaft for each W in its pixel, 1/(m² sr).
     shaft_scale: f32,
-    // The water's surface stays within this of y = 0.
-    bound_m: f32,
+    // Largest slope of the water's surface.
+    steepest: f32,
+    // Most steps of a line of sight towards it.
+    searches: u32,
 }
 
 @group(1) @binding(0) var<uniform> settings: Surface;
@@ -38,41 +41,35 @@ fn shafts(texel: vec2<i32>) -> vec3<f32> {
 }
 #endif
 
-// Steps in which a line of sight is searched for the surface, and halvings of the step in which it is found.
-const SEARCHES: u32 = 32u;
-const HALVINGS: u32 = 10u;
+// Rounding of distances to the slab that holds the surface: flat water's has no height.
+const ROOM: f32 = 1e-4;
 
-// Height above the surface.
-fn above_m(place: vec3<f32>) -> f32 {
-    return place.y - water::surface(place.xz).x;
-}
-
-// Distance at which a line of sight meets the surface within `far_m`, or NO_HIT.
+// Distance at which a line of sight meets the surface within `far_m`, or NO_HIT. A step is as long as no slope is steep enough to meet it, or a
+// share of the shortest wave (`frame.water_step_m`); of such a step the place nearest to the surface is looked at too. The last step goes to
+// the end.
 fn meets_m(sight: vec3<f32>, far_m: f32) -> f32 {
-    let origin = frame.camera_position_m;
-    // The part within the slab that holds the surface.
-    let ends = (vec2(settings.bound_m, -settings.bound_m) - origin.y) / sight.y;
-    var low = clamp(min(ends.x, ends.y), 0.0, far_m);
-    let high = clamp(max(ends.x, ends.y), 0.0, far_m);
-    let step = (high - low) / f32(SEARCHES);
-    let side = above_m(origin + low * sight) > 0.0;
-    for (var i = 0u; i < SEARCHES; i++) {
-        let next = low + step;
-        let place = origin + next * sight;
-        if (above_m(place) > 0.0) != side {
-            var a = low;
-            var b = next;
-            for (var j = 0u; j < HALVINGS; j++) {
-                let middle = 0.5 * (a + b);
-                if (above_m(origin + middle * sight) > 0.0) == side {
-                    a = middle;
-                } else {
-                    b = middle;
-                }
-            }
-            return select(NO_HIT, b, water::inside((origin + b * sight).xz));
+    let ray = Ray(frame.camera_position_m, sight);
+    let rise = select(sight.y, LEAST_COMPONENT, abs(sight.y) < LEAST_COMPONENT);
+    let ends = (vec2(frame.water_bound_m, -frame.water_bound_m) - ray.origin_m.y) / rise;
+    let end = clamp(max(ends.x, ends.y) * (1.0 + ROOM), 0.0, far_m);
+    let level = max(length(sight.xz), LEAST_COMPONENT);
+    let steepness = abs(sight.y) + level * settings.steepest;
+    var before = above_water(ray, clamp(min(ends.x, ends.y) * (1.0 - ROOM), 0.0, far_m));
+    let side = select(-1.0, 1.0, before.height_m > 0.0);
+    for (var i = 1u; i <= settings.searches && before.t < end; i++) {
+        let step_m = max(frame.water_step_m / level, side * before.height_m / steepness);
+        let after = above_water(ray, select(min(before.t + step_m, end), end, i == settings.searches));
+        var behind = after;
+        if side * after.height_m > 0.0 && side * before.rate < 0.0 && side * after.rate > 0.0 {
+            behind = above_water(ray, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
         }
-        low = next;
+        if side * behind.height_m <= 0.0 {
+            let above_t = select(behind.t, before.t, side > 0.0);
+            let t = mix(before.t, behind.t, before.height_m / (before.height_m - behind.height_m));
+            let place_m = refined(ray, above_t, before.t + behind.t - above_t, t).position_m;
+            return select(NO_HIT, distance(place_m, ray.origin_m), water::inside(place_m.xz));
+        }
+        before = after;
     }
     return NO_HIT;
 }

@@ -111,7 +111,8 @@ fn first_entry(ray: Ray) -> Entry {
     return Entry(ray.origin_m + to_center.y / direction.y * direction, vec3(0.0, 1.0, 0.0), false);
 }
 
-// Newton's method between a place above the water and one below, which both close in; a step that leaves them is halved instead.
+// Newton's method between a place above the water and one below, in either order, which both close in; a step that leaves them is halved
+// instead.
 fn refined(ray: Ray, above_t: f32, below_t: f32, first_t: f32) -> Entry {
     var low = above_t;
     var high = below_t;
@@ -125,9 +126,10 @@ fn refined(ray: Ray, above_t: f32, below_t: f32, first_t: f32) -> Entry {
         } else {
             high = t;
         }
-        var next = t - place.height_m / place.rate;
-        if !(next >= low && next <= high) {
-            next = 0.5 * (low + high);
+        var next = 0.5 * (low + high);
+        if abs(place.rate) > LEAST_COMPONENT {
+            let newton = t - place.height_m / place.rate;
+            next = select(next, newton, newton >= min(low, high) && newton <= max(low, high));
         }
         let last = abs(next - t) <= LAST_STEP * abs(t);
         t = next;

@@ -346,7 +346,12 @@ fn is_flat(surface: Surface) -> bool {
     return dot(surface.shading_normal, surface.geometric_normal) > FLAT;
 }
 
-// Shading normal at a place of a surface, interpolated between the four pixels around it, those that show it.
+// Least determinant of two directions, over the product of their squared lengths, by which a place is told along both.
+const LEAST_ANGLE: f32 = 1e-3;
+
+// Shading normal at a place of a surface, interpolated between the four pixels around it, those that show it. Three tell what a fourth would
+// show. On a curved surface the mean of their places is not the place, least where it is seen edge-on: the change of place and normal from
+// pixel to pixel leads on from there.
 fn smoothed(
     walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
 ) -> vec3<f32> {
@@ -357,16 +362,44 @@ fn smoothed(
     let place = place_px(walk, clip) - 0.5;
     let corner = floor(place);
     let share = place - corner;
-    var sum = vec3(0.0);
-    for (var i = 0u; i < 4u; i++) {
-        let offset = vec2(f32(i & 1u), f32(i >> 1u));
+    // Of each a place from the camera, and a normal.
+    var mean = mat2x3<f32>();
+    var right = mat2x3<f32>();
+    var down = mat2x3<f32>();
+    var fourth = mat2x3<f32>();
+    var missing = 0u;
+    var count = 0u;
+    for (var i = 0u; i < 5u && (i < 4u || count == 3u); i++) {
+        let pixel = select(i, missing, i == 4u);
+        let offset = vec2(f32(pixel & 1u), f32(pixel >> 1u));
+        let odd = abs(offset.x - offset.y) * 2.0 - 1.0;
         let texel = vec2<i32>(clamp(corner + offset, vec2(0.0), walk.size_px - 1.0));
         let shown = surface_near(depths, surfaces, walk.layers, texel, clip.w);
         let weight = mix(1.0 - share, share, offset);
         let is_alike = dot(shown.shading_normal, surface.shading_normal) > ALIKE && !is_flat(shown);
-        if shown.optics == surface.optics && is_alike {
-            sum += weight.x * weight.y * shown.shading_normal;
+        var seen = -odd * fourth;
+        if i < 4u {
+            if shown.optics != surface.optics || !is_alike {
+                missing = i;
+                continue;
+            }
+            let sight = world_at((vec2<f32>(texel) + 0.5) / walk.size_px, 1.0) - frame.camera_position_m;
+            seen = mat2x3(sight * (shown.plane_m / dot(sight, shown.geometric_normal)), shown.shading_normal);
         }
+        mean += weight.x * weight.y * seen;
+        right += (offset.x - 0.5) * seen;
+        down += (offset.y - 0.5) * seen;
+        fourth += odd * seen;
+        count++;
     }
-    return normalize(select(surface.shading_normal, sum, dot(sum, sum) > 0.0));
+    let off_m = place_m - frame.camera_position_m - mean[0];
+    let squares = vec2(dot(right[0], right[0]), dot(down[0], down[0]));
+    let both = dot(right[0], down[0]);
+    let det = squares.x * squares.y - both * both;
+    if count < 4u || det <= LEAST_ANGLE * squares.x * squares.y {
+        return normalize(select(surface.shading_normal, mean[1], dot(mean[1], mean[1]) > 0.0));
+    }
+    let along = vec2(dot(right[0], off_m), dot(down[0], off_m));
+    let pixels = (squares.yx * along - both * along.yx) / det;
+    return normalize(mean[1] + pixels.x * right[1] + pixels.y * down[1]);
 }

@@ -44,15 +44,17 @@ struct Square {
 
 #if SURFACE == 1
 // Change of device depth per pixel of the surface behind a place of the buffer; 0 where something else than the photon's surface is
-// seen there.
+// seen there. Beyond the picture the surface at its border goes on.
 fn surface_slope(settings: Splat, scene_depth: texture_depth_2d, place_px: vec2<f32>, view_m: f32) -> vec2<f32> {
     let texels = vec2<f32>(textureDimensions(scene_depth));
     let texel = clamp(depth_texel(scene_depth, place_px, settings.size_px), vec2(0), vec2<i32>(texels) - 1);
     let plane = plane_at(scene_depth, texel);
-    if abs(view_depth_m(plane.z) - view_m) > settings.depth_bias_m {
+    let texel_px = texels / settings.size_px;
+    let beyond = (place_px - clamp(place_px, vec2(0.0), settings.size_px)) * texel_px;
+    if abs(view_depth_m(plane.z + dot(plane.slope, beyond)) - view_m) > settings.depth_bias_m {
         return vec2(0.0);
     }
-    return plane.slope * texels / settings.size_px;
+    return plane.slope * texel_px;
 }
 #endif
 

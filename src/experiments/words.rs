@@ -177,6 +177,7 @@ const FIGURES: &[LabelEntry] = &[
     ("godrays_unconverged_rate", "godray photons not converged", Percent),
     ("intersections_false_rate", "lit places where no ray meets a surface", Percent),
     ("intersections_lost_rate", "intersections of rays in view that are not lit", Percent),
+    ("layers_overflow_rate", "pixels of glass with more surfaces than layers", Percent),
     ("lookups_per_pixel_mean", "look-ups of the skipping map per pixel, mean", One),
     ("map_energy_error", "error of the map's energy", Percent),
     ("map_floor_hole_rate", "dark texels among lit ones", Percent),

@@ -243,6 +243,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let start = self.session.times.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
             findings.errors = judged.errors;
+            findings.notes.extend(judged.notes);
             judged.quantities
         });
         findings.add("errors not computed", judged);

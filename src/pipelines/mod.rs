@@ -36,7 +36,7 @@ use caustics_image::{CausticsPair, IMAGE_ERROR};
 use fathom_base::parameter::{self, ParamError, ParamField, Setting};
 use fathom_base::text;
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo, TimedStage};
-use fathom_record::{ErrorFigure, PictureScale, Work};
+use fathom_record::{ErrorFigure, Note, PictureScale, Work};
 use fathom_reference::cache::{AnswerCache, AnswerKey};
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
 use fathom_stages::geometry::Objects;
@@ -225,6 +225,8 @@ pub struct Errors {
     pub errors: Vec<ErrorFigure>,
     /// Figures beside the errors, such as means of what was compared.
     pub quantities: BTreeMap<String, f64>,
+    /// What a reader must know of the settings.
+    pub notes: Vec<Note>,
 }
 
 impl Errors {
@@ -235,7 +237,8 @@ impl Errors {
         quantities: impl IntoIterator<Item = (&'n str, f64)>,
     ) -> Self {
         let error = |(name, value, unit)| ErrorFigure::new(name, value, unit, stage);
-        Self { errors: errors.into_iter().map(error).collect(), quantities: to_map(quantities) }
+        let errors = errors.into_iter().map(error).collect();
+        Self { errors, quantities: to_map(quantities), notes: Vec::new() }
     }
 }
 

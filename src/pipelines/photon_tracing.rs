@@ -94,8 +94,8 @@ impl Pipeline for PhotonTracing {
                 start_m: (START_M * scene.solid_bounds().tank_scale()) as f32,
                 ..walk_uniforms(&layers, scene.solid_bounds(), params.rays.least_px)
             };
-            let bound_m = view.water.bound_m();
-            of_view.push(surface::new(of_view, shared, &dry, &walk, bound_m, shafts, exposure)?)
+            let water = &view.water;
+            of_view.push(surface::new(of_view, shared, &dry, &walk, water, shafts, exposure)?)
         } else {
             compose(&SpriteOutput::Picture { shafts, exposure })?
         };

@@ -1,6 +1,7 @@
 //! Refraction through glass as the camera sees it: Krüger, Bürger and Westermann (SPT) §4 and Table 1, beside Wyman's approximation.
 
 use std::collections::BTreeMap;
+use std::iter::successors;
 
 use glam::{DVec2, DVec3, DVec4, UVec2, Vec4Swizzles};
 use rayon::prelude::*;
@@ -14,6 +15,7 @@ use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError, read_texture};
+use fathom_record::{Note, NoteKind};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
@@ -162,7 +164,8 @@ impl PipelineInstance for ScreenRefraction {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let mut angles_deg = self.angles_deg(&self.read_exits(judge.gpu)?, judge.scene)?;
+        let found = self.read_exits(judge.gpu)?;
+        let (mut angles_deg, surfaces) = self.angles_deg(&found, judge.scene)?;
         let stage = match self.params.refraction.method {
             ExitMethod::Trace => &trace::INFO,
             ExitMethod::TwoInterface => &two_interface::INFO,
@@ -171,7 +174,23 @@ impl PipelineInstance for ScreenRefraction {
             ("refraction_error_median_deg", quantile(&mut angles_deg, 0.5), "°"),
             ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9), "°"),
         ];
-        Ok(Errors::new(stage.name, errors, []))
+        let GlassSettings { method, surface, .. } = self.params.refraction;
+        // The paper's method takes two layers whatever is set.
+        if method == ExitMethod::TwoInterface || surface == GlassSurface::Depth {
+            return Ok(Errors::new(stage.name, errors, []));
+        }
+        let layers = self.params.ldi.layers as usize;
+        let over = surfaces.iter().filter(|count| **count > layers).count();
+        let rate = ("layers_overflow_rate", share(over, surfaces.len()));
+        let mut judged = Errors::new(stage.name, errors, [rate]);
+        if let Some(most) = surfaces.iter().max().filter(|most| **most > layers) {
+            let of = surfaces.len();
+            let text = format!(
+                "{over} of {of} pixels of glass have more surfaces than ldi.layers = {layers}: set it to {most}"
+            );
+            judged.notes.push(Note::new(NoteKind::LayersFull, text));
+        }
+        Ok(judged)
     }
 }
 
@@ -299,10 +318,14 @@ impl ScreenRefraction {
         Ok(positions.data.chunks_exact(4).zip(directions.data.chunks_exact(4)).map(exit).collect())
     }
 
-    /// Angles between rays and exact ones, of an even selection of the pixels that show glass.
-    fn angles_deg(&self, found: &[Option<Exit>], scene: &Scene) -> Result<Vec<f64>, JudgeError> {
+    /// Of an even selection of the pixels that show glass: angles between rays and exact ones, and how many surfaces of glass lie behind each.
+    fn angles_deg(
+        &self,
+        found: &[Option<Exit>],
+        scene: &Scene,
+    ) -> Result<(Vec<f64>, Vec<usize>), JudgeError> {
         let objects = objects_of(scene, Objects::Glass);
-        let tracer = Tracer::new(&objects);
+        let (tracer, off_m) = (Tracer::new(&objects), OFF_M * scene.solid_bounds().tank_scale());
         let surfaces =
             Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
         let [width, height] = self.view.size_px.to_array();
@@ -314,9 +337,12 @@ impl ScreenRefraction {
         let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
         let angle = |(pixel, exit): &(u32, &Exit)| {
             let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
+            let next = |from_m| tracer.cast(origin, direction, from_m, f64::MAX);
+            let hits = successors(next(0.0), |hit| next(hit.distance_m + off_m));
             let exact = surfaces.ray_behind(surfaces.sight(origin, direction), count)?;
-            Some(exit.direction.angle_between(exact.direction).to_degrees())
+            let angle_deg = exit.direction.angle_between(exact.direction).to_degrees();
+            Some((angle_deg, hits.count()))
         };
-        Ok(seen.par_iter().filter_map(angle).collect())
+        Ok(seen.par_iter().filter_map(angle).unzip())
     }
 }

@@ -143,6 +143,8 @@ pub enum NoteKind {
     Outliers,
     /// Heat or power held the clocks down in some samples.
     Throttled,
+    /// Pixels show more surfaces than there are layers of depth: rays miss those behind the last layer.
+    LayersFull,
     /// A figure was not finite and is left out.
     NotFinite,
     /// A figure could not be computed.

@@ -24,22 +24,19 @@ pub struct Medium {
 }
 
 impl Godray {
-    /// World point at a share 0…1 of the way from entry to hit.
-    pub fn point(&self, share: f64) -> DVec3 {
-        self.entry.lerp(self.hit, share)
-    }
-
     /// `I · p(θ) · exp(−γ d_viewer) · exp(−γ d_surface)` at a point of the ray (UW §3.4).
     ///
     /// d_surface is the distance along the ray from the entry. The scattering angle lies between the
-    /// ray's direction and the direction from the point to the viewer.
+    /// ray's direction and the direction from the point to the viewer. UW's viewers are in the water; of the way to one above it only the
+    /// part below y = 0 counts.
     pub fn intensity(&self, point: DVec3, viewer: DVec3, medium: Medium) -> f64 {
         let direction = (self.hit - self.entry).normalize_or_zero();
         let to_viewer = viewer - point;
+        let wet = if viewer.y > 0.0 { (-point.y).max(0.0) / to_viewer.y } else { 1.0 };
         let cos_alpha = direction.dot(to_viewer.normalize_or_zero());
         self.photon
             * phase_schlick(cos_alpha, medium.phase_k)
-            * transmittance(medium.gamma_per_m, to_viewer.length())
+            * transmittance(medium.gamma_per_m, to_viewer.length() * wet)
             * transmittance(medium.gamma_per_m, (point - self.entry).dot(direction))
     }
 }

@@ -22,8 +22,8 @@ pub struct Ray {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PathEnd {
-    /// On a surface that is neither mirror nor glass.
-    Diffuse(Hit),
+    /// On a surface that is neither mirror nor glass, after so many metres beside glass.
+    Diffuse(Hit, f64),
     /// It meets nothing more.
     Leaves(Ray),
     /// It has met mirrors and glass as often as it may, and is on one of them.
@@ -83,10 +83,13 @@ impl Surfaces<'_> {
 
     /// Follows a ray past at most so many mirrors and surfaces of glass.
     pub fn trace(&self, ray: Ray, bounces: u32) -> PathEnd {
-        let mut ray = ray;
+        let (mut ray, mut outside_m) = (ray, 0.0);
         for _ in 0..=bounces {
             let Some(hit) = self.meet(&ray) else { return PathEnd::Leaves(ray) };
-            let Some(behind) = self.continue_ray(&ray, &hit) else { return PathEnd::Diffuse(hit) };
+            outside_m += if ray.index == self.outside { hit.distance_m } else { 0.0 };
+            let Some(behind) = self.continue_ray(&ray, &hit) else {
+                return PathEnd::Diffuse(hit, outside_m);
+            };
             ray = behind;
         }
         PathEnd::StillBouncing
@@ -144,7 +147,7 @@ mod tests {
             surfaces.ray(DVec3::new(0.0, 3.0, 0.0), DVec3::new(0.6, -0.8, 0.0))
         };
         let open = surfaces(&tracer, &objects);
-        let PathEnd::Diffuse(hit) = open.trace(ray(&open), 1) else {
+        let PathEnd::Diffuse(hit, _) = open.trace(ray(&open), 1) else {
             panic!("it meets the ceiling")
         };
         assert!(hit.position.distance(DVec3::new(2.25 + 3.0, 4.0, 0.0)) < 1e-9);

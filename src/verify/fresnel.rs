@@ -29,22 +29,22 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-/// A photon for each cell that was refracted by a surface of another slope, and its angle of incidence's cosine.
+/// A photon of a point light for each cell that was refracted by a surface of another slope, and its angle of incidence's cosine.
 fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
-    let incident = view.light_frame().forward;
-    let across = incident.any_orthonormal_vector();
+    let light = view.light_frame().position;
     let mut random = Random::new(7);
     let count = CELLS * CELLS;
     let photon = |i: u32| {
         let angle = STEEPEST * f64::from(i) / f64::from(count - 1);
+        let cell_px = f64::from(side_px / CELLS);
+        let at = [i % CELLS, i / CELLS].map(|cell| (f64::from(cell) + 0.5) * cell_px);
+        let (_, (entry, _)) = photon_at(view, at, 6.0, 1.0);
+        let incident = (entry - light).normalize();
+        let across = incident.any_orthonormal_vector();
         let around = across.rotate_axis(incident, random.within(0.0, TAU));
         let normal = -incident * angle.cos() + around * angle.sin();
         let refracted = refract(incident, normal, 1.0, INDEX).unwrap_or(incident);
-        let cell_px = f64::from(side_px / CELLS);
-        let at = [i % CELLS, i / CELLS].map(|cell| (f64::from(cell) + 0.5) * cell_px);
-        let (_, (hit, _)) = photon_at(view, at, 6.0, 1.0);
-        let entry = hit - refracted * PATH_M;
-        (rig::photon(entry, hit, PATH_M), angle.cos())
+        (rig::photon(entry, entry + refracted * PATH_M, PATH_M), angle.cos())
     };
     (0..count).map(photon).collect()
 }
@@ -66,6 +66,7 @@ fn transmitted(
     drawn: fn(&Rig<'_>, &View, &[Photon]) -> Result<Image>,
 ) -> Result<Check> {
     let mut view = rig::synthetic_view([side_px; 2], 0.0)?;
+    view.light.kind = LightKind::Point;
     let (photons, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, side_px).into_iter().unzip();
     let mut draw = |fresnel: bool| -> Result<Vec<f64>> {
         view.water.fresnel = fresnel;

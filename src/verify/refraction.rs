@@ -2,6 +2,7 @@
 
 use crate::prelude::*;
 use fathom_reference::picture::{PictureLight, SKY_SHARE};
+use fathom_reference::quantities::quantile;
 use fathom_reference::specular::{Ray, Surfaces};
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::{Exits, compose, surface};
@@ -15,14 +16,23 @@ const EXPOSURE: f64 = 0.4;
 pub fn cases() -> Vec<Case> {
     let kinds = [LightKind::Directional, LightKind::Point];
     let what = |kind| format!("pixel by pixel, {kind:?} light");
-    let mut cases: Vec<Case> = Case::each(compose::INFO.name, kinds, what, composed).collect();
-    cases.extend([
-        Case::new(compose::INFO.name, "opaque objects through glass", opaque_through_glass),
-        Case::new(surface::INFO.name, "waves from above", |rig| water_surface(rig, true)),
-        Case::new(surface::INFO.name, "waves from below", |rig| water_surface(rig, false)),
-    ]);
-    cases
+    let glass = Case::new(compose::INFO.name, "opaque objects through glass", opaque_through_glass);
+    let from = |water: WaterView| format!("waves from {}", water.0);
+    let waters = Case::each(surface::INFO.name, WATERS, from, water_surface);
+    Case::each(compose::INFO.name, kinds, what, composed).chain([glass]).chain(waters).collect()
 }
+
+/// Where waves are seen from, the percentile that is judged, the eye and what it looks at, the angle of view (degrees), and the waves'
+/// amplitude and length (metres).
+type WaterView = (&'static str, u8, [[f64; 3]; 2], [f64; 3]);
+
+/// From below so steeply that little is totally reflected. From the crests lines of sight cross up to twenty waves.
+const WATERS: [WaterView; 4] = [
+    ("above", 90, [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]], [60.0, 0.03, 1.5]),
+    ("below", 80, [[0.4, -1.4, 3.0], [0.2, 1.6, 1.9]], [60.0, 0.03, 1.5]),
+    ("above, flat", 90, [[0.4, 1.6, 3.0], [0.0, -1.6, -1.0]], [60.0, 0.0, 1.5]),
+    ("just above crests", 98, [[0.4, 0.02, 3.0], [0.0, -0.04, -1.0]], [4.0, 0.006, 0.25]),
+];
 
 /// Surfaces of noise before the environment, in front of which every third pixel has glass and every third has it behind.
 fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
@@ -156,13 +166,11 @@ fn gradient(x_px: f64, y_px: f64) -> f64 {
 }
 
 /// The picture of a floor through waves, against exact refraction and reflection of each line of sight.
-fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
+fn water_surface(rig: &Rig<'_>, (from, percent, eye_to, waves): WaterView) -> Result<Check> {
     const RED: usize = 0;
     let mut scene = Scene::load("plane")?;
-    scene.camera.position_m = [0.4, if above { 1.6 } else { -1.4 }, 3.0];
-    // From below so steeply that little is totally reflected.
-    scene.camera.target_m = if above { [0.0, -1.6, -1.0] } else { [0.2, 1.6, 1.9] };
-    scene.water.amplitude_m = 0.03;
+    [scene.camera.position_m, scene.camera.target_m] = eye_to;
+    [scene.camera.fov_y_deg, scene.water.amplitude_m, scene.water.wavelength_m] = waves;
     // Low, so that the sun is out of view: its lobe turns the least error of a normal into a large one.
     scene.light.direction = [0.9, -0.4, 0.6];
     let fixture = rig.fixture(scene, SIZE)?;
@@ -176,23 +184,22 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
         radiance: &rig.grey(&image),
     };
     let walk = walk_uniforms(&peel, scene.solid_bounds(), MIN_STEPS);
-    let bound_m = scene.water.bound_m();
-    let stage = surface::new(rig, shared, &dry, &walk, bound_m, None, EXPOSURE)?;
+    let stage = surface::new(rig, shared, &dry, &walk, &scene.water, None, EXPOSURE)?;
     let shown = rig.draw(&[&stage], stage.texture(), RED)?;
     let seen = pixels(SIZE).filter(|(x, y)| x % 4 == 1 && y % 4 == 1);
     let met: Vec<_> = seen.map(|at| (at, meet(&fixture, at))).collect();
     let light = fixture.light();
     let error = |index: f64| {
         let water = WetFloor { fixture: &fixture, light: &light, index };
-        percentile::<75>(met.iter().filter_map(|&(at, met)| {
+        let errors = met.iter().filter_map(|&(at, met)| {
             let exact = water.radiance(at, met)?;
             Some((radiance_of(shown.get(at), EXPOSURE) - exact).abs() / exact)
-        }))
+        });
+        quantile(&mut errors.collect::<Vec<_>>(), f64::from(percent) / 100.0)
     };
     let index = scene.water.refractive_index;
-    let side = if above { "above" } else { "below" };
     // Steps of an 8-bit display, and of the noise texture that makes the waves.
-    Ok(Check::new(rig, format!("from {side}: 75th percentile of the relative error"))
+    Ok(Check::new(rig, format!("from {from}: {percent}th percentile of the relative error"))
         .within((0.02, "1"), error(index))
         .control("index 10 % higher", error(1.1 * index)))
 }

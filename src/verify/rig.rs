@@ -180,11 +180,6 @@ impl<'g> Rig<'g> {
         buffer
     }
 
-    /// A buffer of so many ones, as 32-bit floats.
-    pub fn ones(&self, count: u32) -> kit::Buffer {
-        self.words(&vec![1.0f32.to_bits(); count as usize])
-    }
-
     /// A photon buffer with this content.
     pub fn photons(&self, photons: &[Photon]) -> Photons {
         let buffer = Photons::new(self, "verify photons", photons.len() as u32);

@@ -3,6 +3,7 @@
 use super::lines::ScreenSegment;
 use crate::prelude::*;
 use fathom_stages::Column;
+use fathom_stages::photon::OUTSIDE;
 use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
 use fathom_stages::splatting::SplatSums;
@@ -10,6 +11,8 @@ use fathom_stages::splatting::SplatSums;
 const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
 const PHOTON_W: f64 = 0.7;
+/// Of a photon behind one that is lost.
+const WEIGHT: f64 = 0.625;
 /// Way through the water that lies before a line, as behind a mirror.
 const BEFORE_M: f64 = 1.5;
 const LINES: usize = 12;
@@ -66,7 +69,8 @@ impl ShaftLine {
     fn intensity(&self, pixel: (u32, u32), gamma_per_m: f64, eye: DVec3) -> f64 {
         let [start, end] = self.ends_m;
         let place = start.lerp(end, self.share_at(pixel));
-        PHOTON_W * transmittance(gamma_per_m, BEFORE_M + start.distance(place) + wet_m(place, eye))
+        let way_m = BEFORE_M + start.distance(place) + wet_m(place, eye);
+        PHOTON_W * WEIGHT * transmittance(gamma_per_m, way_m)
     }
 }
 
@@ -82,8 +86,9 @@ fn draw_lines(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<L
         (0..LINES).filter_map(|_| ShaftLine::random(&mut random, &rays)).collect();
     let draw = |line: ShaftLine| {
         let [start, end] = line.ends_m;
-        let photons = rig.photons(&[rig::photon(start, end, BEFORE_M + start.distance(end))]);
-        let inputs = (&photons, &rig.ones(photons.count));
+        let photon = rig::photon(start, end, BEFORE_M + start.distance(end));
+        let photons = rig.photons(&[Photon { fate: OUTSIDE, ..photon }, photon]);
+        let inputs = (&photons, &rig.words(&[1.0, WEIGHT].map(|of| (of as f32).to_bits())));
         let stage = lines::new(rig, &shared, inputs, &depth, PHOTON_W, 1.0)?;
         let image = rig.draw(&[&stage], &stage.texture, 0)?;
         let lit = pixels(SIZE).map(|at| (at, image.get(at))).filter(|(_, value)| *value > 0.0);

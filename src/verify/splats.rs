@@ -36,6 +36,7 @@ pub fn cases() -> Vec<Case> {
             by(rules, "splats within one surface", within_surface),
             by(rules, "sum of many small contributions", accumulation),
             by(rules, "splats that the border cuts", cut),
+            by(rules, "border of the picture", border),
             by(rules, "splats of more pixels than a loop has turns", large),
         ]);
     }
@@ -159,7 +160,7 @@ fn draw(
     let most = [max_px, min_px]
         .map(|side_px| splat_value(rules.conserving, rules.photon_w, 0.0, 0.0, side_px));
     let settings = SplatUniforms {
-        size_px: UVec2::from(SIZE).as_vec2(),
+        size_px: view.size_px.as_vec2(),
         size_a_px: (size.size_px(1.0) - b) as f32,
         size_b_px_m: b as f32,
         photon_w: rules.photon_w as f32,
@@ -394,6 +395,39 @@ fn cut(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
         photon_between(&view, at.map(|a| a * side), share, random.within(0.5, 8.0))
     });
     extremes(rig, &view, photons, rules, "splats of 0.4 to 400 px cut by the border")
+}
+
+/// A picture is the middle of one three times as wide and as high, seen from the same eye: of a slanted floor, with a depth twice as fine
+/// as the buffer, and photons in the middle and beyond its border.
+fn border(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
+    const BUFFER: [u32; 2] = [96, 72];
+    let fixture = |times: u32| -> Result<Fixture> {
+        let mut scene = rig::flat_plane(LightKind::Directional)?;
+        (scene.camera.up, scene.camera.target_m) = ([0.3, 1.0, 0.1], [0.0, -5.0, 0.0]);
+        scene.camera.fov_y_deg = 2.0 * (0.36 * f64::from(times)).atan().to_degrees();
+        rig.fixture(scene, BUFFER.map(|side| 2 * times * side))
+    };
+    let (own, wider, mut random) = (fixture(1)?, fixture(3)?, Random::new(13));
+    let photon = |_| {
+        let [x, y] = BUFFER.map(|side| 2.0 * f64::from(side) * random.within(-0.2, 1.2));
+        let (origin, direction, _) = own.rays.ray_at(x, y);
+        let hit = own.tracer.cast(origin, direction, 0.0, f64::MAX)?.position;
+        Some(rig::photon(hit + DVec3::Y, hit, 1.0))
+    };
+    let photons: Vec<Photon> = (0..3000).filter_map(photon).collect();
+    let rules = Rules { coverage: SplatCoverage::Surface, bias_m: 0.03, ..rules };
+    let drawn = |fixture: &Fixture| {
+        let view = View { size_px: fixture.view.size_px / 2, ..fixture.view.clone() };
+        draw(rig, &view, &photons, &rig.gbuffer(fixture)?.depth, &rules)
+    };
+    let (own, wider) = (drawn(&own)?, drawn(&wider)?);
+    let middle = |aside: i64| {
+        let [left, top] = [i64::from(BUFFER[0]) + aside, i64::from(BUFFER[1])];
+        Image::from_fn(BUFFER, |x, y| wider.clamped(left + i64::from(x), top + i64::from(y)))
+    };
+    Ok(Check::new(rig, format!("border, {}: Σ |difference| / Σ", name(rules.splatting)))
+        .within((1e-3, "1"), difference(&own, &middle(0)))
+        .control("a pixel aside", difference(&own, &middle(1))))
 }
 
 /// Splats of more pixels than an adapter may make turns of an invocation's loops.

@@ -39,6 +39,8 @@ const QUANTITIES: [&str; 8] = [
 struct ExactEnd {
     position: DVec3,
     in_view: bool,
+    /// Its way through the water, without that in glass.
+    path_m: f64,
     /// Whether it would meet another object if the one that it ends on were not there.
     occluder: bool,
     /// Whether it would come into view, likewise.
@@ -56,6 +58,8 @@ struct Tally {
     errors_m: Vec<f64>,
     /// The same of those that come by a mirror or glass.
     specular_errors_m: Vec<f64>,
+    /// The same of their ways under water.
+    path_errors_m: Vec<f64>,
     /// Of how many how many are so, by the rate that it gives.
     counts: BTreeMap<&'static str, [usize; 2]>,
 }
@@ -103,7 +107,10 @@ impl Tally {
             let error_m = found[0].hit().distance(position);
             self.count("photon_wrong_surface_rate", [error_m > wrong_m]);
             self.errors_m.push(error_m);
-            self.specular_errors_m.extend(exact.specular.then_some(error_m));
+            if exact.specular {
+                self.specular_errors_m.push(error_m);
+                self.path_errors_m.push((f64::from(found[0].distance_m) - exact.path_m).abs());
+            }
         }
     }
 
@@ -179,8 +186,10 @@ impl PhotonTracing {
         let stage = self.params.rays.method.info().name;
         let mut judged = Errors::new(stage, errors.into_iter().chain(distances), rates);
         if !ends.specular_errors_m.is_empty() {
-            let median_m = quantile(&mut ends.specular_errors_m, 0.5);
-            judged.quantities.insert("photon_specular_error_median_m".to_owned(), median_m);
+            judged.quantities.extend(to_map([
+                ("photon_specular_error_median_m", quantile(&mut ends.specular_errors_m, 0.5)),
+                ("photon_specular_path_error_median_m", quantile(&mut ends.path_errors_m, 0.5)),
+            ]));
         }
         Ok(judged)
     }
@@ -207,13 +216,16 @@ impl PhotonTracing {
                 let landing = land(&frame, water, tracer, place);
                 let landed = landing.landed()?;
                 let ray = surfaces.ray(landed.entry.position, landed.direction);
-                let PathEnd::Diffuse(hit) = surfaces.trace(ray, bounces) else { return None };
+                let PathEnd::Diffuse(hit, path_m) = surfaces.trace(ray, bounces) else {
+                    return None;
+                };
                 let behind = frustum.hits_behind(tracer, hit, landed.direction);
                 let behind = behind.take_while(|_| bounces == 0);
                 let along: Vec<Hit> = std::iter::once(hit).chain(behind).collect();
                 let places = along.iter().filter(in_view).map(|hit| hit.position);
                 Some(ExactEnd {
                     position: hit.position,
+                    path_m,
                     in_view: in_view(&&hit),
                     occluder: along.iter().any(|next| next.object != hit.object),
                     kept_out: !in_view(&&hit) && along.iter().any(|next| in_view(&next)),

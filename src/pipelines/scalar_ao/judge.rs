@@ -65,7 +65,8 @@ impl ScalarAo {
         let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
         let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
         let quantities = [("ao_mean", mean(&values)), ("ao_reference_mean", mean(&exact))];
-        Ok(Errors { errors: figures("ao", stage, &errors).into(), quantities: to_map(quantities) })
+        let errors = figures("ao", stage, &errors).into();
+        Ok(Errors { errors, quantities: to_map(quantities), ..Errors::default() })
     }
 }
 

@@ -110,9 +110,9 @@ impl Underwater {
             "square_px": lines.square_px.to_array(),
             "phase_k": lines.phase_k,
             "buffer_px": lines.size_px.as_uvec2().to_array(),
-            "value": format!("flux_w * weight * phase * exp(-attenuation_per_m * (distance from the point to the camera + from \
-                the entry to the point)){divided}; phase = (1 - k²) / (4π (1 - k cos)²), cos between the direction and that to \
-                the camera"),
+            "value": format!("flux_w * weight * phase * exp(-attenuation_per_m * (distance from the point to the camera, of a \
+                camera above y = 0 the part of it below, + from the entry to the point)){divided}; phase = (1 - k²) / \
+                (4π (1 - k cos)²), cos between the direction and that to the camera"),
         })
     }
 

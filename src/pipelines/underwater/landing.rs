@@ -84,7 +84,7 @@ impl Underwater {
                 ErrorFigure::new(format!("{name}_{figure}"), value, unit, stage)
             }));
         }
-        Ok(Errors { errors, quantities })
+        Ok(Errors { errors, quantities, ..Errors::default() })
     }
 
     /// Both photon grids: name, stage that traces it, settings, photons.

@@ -2,9 +2,12 @@
 
 use glam::Vec2;
 
+use crate::entry::{REFINEMENTS, step_iterations};
 use crate::picture::Shafts;
 use crate::prelude::*;
 use crate::screen_ray::{Layers, WalkUniforms, walk_iterations};
+use fathom_gpu::MAX_ITERATIONS;
+use fathom_scene::Water;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/surface",
@@ -18,13 +21,14 @@ shader_struct! {
         pub size_px: Vec2,
         pub exposure: f32,
         pub shaft_scale: f32,
-        pub bound_m: f32,
+        pub steepest: f32,
+        pub searches: u32,
     }
 }
 
-/// Steps towards the water's surface, and halvings of the one that crosses it: as in the shader.
-const SEARCHES: u64 = 32;
-const HALVINGS: u64 = 10;
+/// Most steps towards the water's surface: at a sixteenth of the shortest wave they cross sixteen such waves. Long lists of waves leave room
+/// for fewer in large pictures.
+const MAX_SEARCHES: u64 = 256;
 
 /// What the camera sees without the water.
 pub struct DryView<'a> {
@@ -34,26 +38,30 @@ pub struct DryView<'a> {
     pub radiance: &'a wgpu::Texture,
 }
 
-/// `bound_m` is how far the surface is from y = 0 at most. Of `walk`'s layers the first is used.
+/// Of `walk`'s layers the first is used.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     dry: &DryView<'_>,
     walk: &WalkUniforms,
-    bound_m: f64,
+    water: &Water,
     shafts: Option<Shafts<'_>>,
     exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let size_px = dry.layers.size_px();
+    // The height of the water at the place found, and a ray to either side.
+    let found = (REFINEMENTS + 3) * (2 + shared.water_turns);
+    let rest = found + 2 * walk_iterations(walk.max_steps, 1);
+    let step = step_iterations(water);
+    let searches = (MAX_ITERATIONS.saturating_sub(rest) / step).clamp(1, MAX_SEARCHES);
+    resources.iterations("water.waves and view", searches * step + rest);
     let settings = SurfaceUniforms {
         size_px: Vec2::from(size_px.map(|side| side as f32)),
         exposure: exposure as f32,
         shaft_scale: shafts.map_or(0.0, |shafts| shafts.scale as f32),
-        bound_m: bound_m as f32,
+        steepest: water.steepest() as f32,
+        searches: searches as u32,
     };
-    // The search for the surface, its height at the place found, and a ray to either side.
-    let water = (SEARCHES + HALVINGS + 3) * (2 + shared.water_turns);
-    resources.iterations("water.waves and view", water + 2 * walk_iterations(walk.max_steps, 1));
     let settings = resources.uniform(INFO.name, &settings);
     let walked = resources.uniform(INFO.name, &WalkUniforms { layers: 1, ..walk.clone() });
     let Layers { depths, surfaces } = dry.layers;

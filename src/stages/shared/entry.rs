@@ -17,7 +17,7 @@ const MAX_STEPS: u64 = 64;
 /// Most turns of a search, which leaves others to what follows in the same invocation.
 const MAX_ITERATIONS: u64 = 40_000;
 /// As in the shader.
-const REFINEMENTS: u64 = 8;
+pub(crate) const REFINEMENTS: u64 = 8;
 
 /// How rays search for the surface of a water.
 pub struct EntrySearch {
@@ -60,7 +60,7 @@ pub fn water_iterations(water: &Water) -> u64 {
 }
 
 /// Two heights of the water: at the step's end, and where the ray is lowest between.
-fn step_iterations(water: &Water) -> u64 {
+pub(crate) fn step_iterations(water: &Water) -> u64 {
     1 + 2 * water_iterations(water)
 }
 
