@@ -1,5 +1,6 @@
 //! Stages of family `scalar` on small fields against closed forms and f64 marching.
 
+mod frames;
 mod isosurface;
 mod media;
 
@@ -9,7 +10,7 @@ use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar_field::{self, ScalarField};
 
 pub fn cases() -> Vec<Case> {
-    let families = [isosurface::cases(), media::cases()];
+    let families = [frames::cases(), isosurface::cases(), media::cases()];
     families.into_iter().flatten().collect()
 }
 
@@ -97,9 +98,4 @@ fn probe(point: DVec3) -> Camera {
 
 fn looking(position: DVec3, target: DVec3) -> Camera {
     Camera::new(position.to_array(), target.to_array(), 30.0, [0.1, 20.0])
-}
-
-/// The edge that opacities of these fields refer to.
-fn opacity_voxel_m(volume: &Volume) -> f64 {
-    scalar_field::voxel_m(volume.spacing_m)
 }

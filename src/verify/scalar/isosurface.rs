@@ -1,9 +1,9 @@
 //! `scalar/isosurface` on a ball and a slab whose boundaries are known.
 
 use super::*;
-use fathom_pipelines::scalar_ao::{Gather, Stop};
+use fathom_pipelines::scalar_ao::Stop;
+use fathom_pipelines::settings::Attenuation;
 use fathom_reference::isosurface::{Solid, first, occlusion};
-use fathom_reference::media::{FieldLaw, FieldMarch};
 use fathom_reference::occlusion::Obscurity;
 
 const STAGE: &str = "scalar/isosurface";
@@ -26,9 +26,7 @@ const GRAZING: f64 = 0.2;
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "a ball: where rays hit, and the normal there", ball),
-        Case::new(STAGE, "a ball over a slab: the light it shows", shading),
         Case::new(STAGE, "a ball over a slab: ambient occlusion", ball_over_slab),
-        Case::new(STAGE, "a ball over a slab: rejection sampling", rejection),
         Case::new(STAGE, "gaps between two planes", gaps),
     ]
 }
@@ -89,16 +87,17 @@ fn ball(rig: &Rig<'_>) -> Checks {
     }
     let eye = setup.camera.position();
     let distance = |solid: Solid| {
-        p95(judged.iter().map(|h| {
+        percentile::<95>(judged.iter().map(|h| {
             let met = eye + h.direction * seen.distance_m.data()[h.pixel];
             solid.distance(met).abs() / VOXEL_M
         }))
     };
-    let normal = |solid: Solid| {
-        p95(judged
-            .iter()
-            .map(|h| seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()))
-    };
+    let normal =
+        |solid: Solid| {
+            percentile::<95>(judged.iter().map(|h| {
+                seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()
+            }))
+        };
     Ok(vec![
         Check::new(rig, "distance of hits from the boundary, 95th percentile")
             .within((0.1, "voxel"), distance(BALL))
@@ -117,93 +116,37 @@ impl ScalarPicture {
     }
 }
 
-/// 95th percentile; between two of the errors the lesser.
-fn p95(errors: impl Iterator<Item = f64>) -> f64 {
-    let mut errors: Vec<f64> = errors.collect();
-    errors.sort_by(f64::total_cmp);
-    errors[(errors.len() - 1) * 95 / 100]
-}
-
-/// Pixels of a ball over a slab, some of all, each with A as the stage finds it.
-fn occluded(rig: &Rig<'_>, scalar: Scalar) -> Result<(Volume, Vec<(f64, Hit)>)> {
-    let setup = setup(&BALL_AND_SLAB, scalar);
-    let visibility = setup.run(rig)?.visibility;
-    let judged = hits(&setup, &BALL_AND_SLAB).into_iter().step_by(STRIDE);
-    let found = |h: Hit| (1.0 - visibility.data()[h.pixel], h);
-    Ok((setup.volume, judged.map(found).collect()))
-}
-
-/// γ of Eq. 7 with Eq. 4, against f64 marching of the same field from where the rays exactly hit.
-fn rejection(rig: &Rig<'_>) -> Checks {
-    let mut checks = Vec::new();
-    // R_MAX_M is 16 voxels.
-    for (samples, step) in [(32, "half a voxel"), (8, "two voxels")] {
-        let found = |rejection: bool| {
-            let all = settings(Mode::Isosurface);
-            let gather = Gather::Opacity;
-            // Of full opacity a single sample would end every ray.
-            let (threshold, opacity) = (0.8, 0.3);
-            occluded(
-                rig,
-                Scalar { gather, rejection, samples, threshold, opacity, rays: 64, ..all },
-            )
-        };
-        let (mut field, judged) = found(true)?;
-        // The twin's values are opacities.
-        field.data.iter_mut().for_each(|v| *v *= 0.3);
-        let [with, without] = [true, false].map(|rejection| -> Vec<f64> {
-            let law = FieldLaw::Opacity { voxel_m: VOXEL_M };
-            let twin =
-                FieldMarch { law, r_max_m: R_MAX_M, samples, rejection, threshold: 0.8 * 0.3 };
-            judged
-                .iter()
-                .map(|(_, h)| twin.hemispherical(&field, h.position, h.normal, 96))
-                .collect()
-        });
-        let check = |name: &str, judged: &[(f64, Hit)], [exact, other]: [&[f64]; 2], control| {
-            let error = |exact: &[f64]| {
-                mean(judged.iter().zip(exact).map(|((a, _), exact)| (a - exact).abs()))
-            };
-            let what = format!("{name}, strata of {step}: mean error of A against f64 marching");
-            Check::new(rig, what)
-                .within((0.02, "1"), error(exact))
-                .control(control, error(other))
-                .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a)))
-        };
-        checks.push(check("rejection", &judged, [&with, &without], "no sample rejected"));
-        if samples == 32 {
-            let (_, judged) = found(false)?;
-            let exact = [&without[..], &with];
-            checks.push(check("no rejection", &judged, exact, "falling samples rejected"));
-        }
-    }
-    Ok(checks)
-}
-
+/// Some of the pixels of a ball over a slab.
 fn ball_over_slab(rig: &Rig<'_>) -> Checks {
-    let found = |stop: Stop| {
-        let (threshold, tolerance) = (0.5, 0.15);
+    let check = |(what, stop, attenuation): (&str, Stop, Attenuation)| {
+        let (threshold, tolerance, rays, samples) = (0.5, 0.15, 96, 24);
         let all = settings(Mode::Isosurface);
-        Ok::<_, VerifyError>(
-            occluded(rig, Scalar { stop, threshold, tolerance, rays: 64, samples: 24, ..all })?.1,
-        )
+        let scalar = Scalar { stop, attenuation, threshold, tolerance, rays, samples, ..all };
+        let setup = setup(&BALL_AND_SLAB, scalar);
+        let visibility = setup.run(rig)?.visibility;
+        let obscurity = match attenuation {
+            Attenuation::Linear => Obscurity::Linear,
+            Attenuation::Hard => Obscurity::Hard,
+        };
+        let judged: Vec<Hit> = hits(&setup, &BALL_AND_SLAB).into_iter().step_by(STRIDE).collect();
+        let a = |h: &Hit| 1.0 - visibility.data()[h.pixel];
+        let off = |h: &Hit| {
+            a(h) - occlusion(&BALL_AND_SLAB, h.position, h.normal, R_MAX_M, obscurity, SIDE)
+        };
+        Ok(Check::new(rig, format!("rays end at {what}: mean error of A"))
+            .within((0.02, "1"), mean(judged.iter().map(|h| off(h).abs())))
+            .control("nothing occluded", mean(judged.iter().map(a)))
+            .with("mean_signed_error", mean(judged.iter().map(off)))
+            .with("pixels", judged.len() as f64))
     };
-    let by_threshold = found(Stop::Threshold)?;
-    let exact =
-        |h: &Hit| occlusion(&BALL_AND_SLAB, h.position, h.normal, R_MAX_M, Obscurity::Linear, SIDE);
-    let exact: Vec<f64> = by_threshold.iter().map(|(_, h)| exact(h)).collect();
-    let check = |judged: &[(f64, Hit)], what: &str| {
-        let off = || judged.iter().zip(&exact).map(|((a, _), exact)| a - exact);
-        Check::new(rig, format!("rays end at {what}: mean error of A"))
-            .within((0.02, "1"), mean(off().map(f64::abs)))
-            .control("nothing occluded", mean(judged.iter().map(|(a, _)| *a)))
-            .with("mean_signed_error", mean(off()))
-            .with("pixels", judged.len() as f64)
-    };
-    Ok(vec![
-        check(&by_threshold, "V ≥ V_thres"),
-        check(&found(Stop::Isosurface)?, "|V − iso| < tolerance"),
-    ])
+    [
+        ("V ≥ V_thres", Stop::Threshold, Attenuation::Linear),
+        ("V ≥ V_thres, hard", Stop::Threshold, Attenuation::Hard),
+        ("|V − iso| < tolerance", Stop::Isosurface, Attenuation::Linear),
+    ]
+    .into_iter()
+    .map(check)
+    .collect()
 }
 
 /// The mean A of a plane below another at a distance g is (1 − g / r_max)².
@@ -226,31 +169,4 @@ fn gaps(rig: &Rig<'_>) -> Checks {
             .with("occlusion", a))
     };
     [(0.3, 8), (0.5, 8), (0.75, 8), (0.5, 3), (0.5, 40)].into_iter().map(check).collect()
-}
-
-/// The picture against what visibility and normals make of the light: albedo × visibility × light.
-fn shading(rig: &Rig<'_>) -> Result<Check> {
-    const ALBEDO: f64 = 0.5;
-    let scalar = Scalar {
-        low_color: [ALBEDO as f32; 3],
-        high_color: [ALBEDO as f32; 3],
-        samples: 24,
-        ..settings(Mode::Isosurface)
-    };
-    let setup = setup(&BALL_AND_SLAB, scalar);
-    let seen = setup.run(rig)?;
-    let to_light = -setup.view()?.light_frame().forward;
-    let error = |ambient: f64| {
-        largest(hits(&setup, &BALL_AND_SLAB).iter().map(|h| {
-            let facing = seen.normal_at(h.pixel).dot(to_light).max(0.0);
-            let light = facing + (1.0 - facing) * ambient;
-            let radiance = ALBEDO * seen.visibility.data()[h.pixel] * light;
-            (radiance.powf(1.0 / DISPLAY_GAMMA) - seen.shown.data()[h.pixel]).abs()
-        }))
-    };
-    let ambient = setup.scalar.ambient;
-    // A step of 8 bits, and normals of 16 bits.
-    Ok(Check::new(rig, "albedo × visibility × light: largest error of the picture")
-        .within((1.5 / 255.0, "1"), error(ambient))
-        .control("a tenth more ambient light", error(ambient * 1.1)))
 }

@@ -1,0 +1,292 @@
+//! Whole frames of the stages of family `scalar` against VAO §5.2 in f64, pixel by pixel: windows, opacities, colours and lengths of
+//! steps are random, cells are no cubes, and near and far plane lie
+//! within the field.
+
+use super::*;
+use fathom_pipelines::scalar_ao::Gather;
+use fathom_reference::isosurface::FieldSurface;
+use fathom_reference::media::{FieldLaw, FieldMarch, interpolated};
+
+const SIZE: [u32; 2] = [14, 10];
+const SPACING_M: DVec3 = DVec3::new(0.1, 0.13, 0.17);
+/// Rays of the reference at each point of a medium, and at those of an isosurface, of which a pixel shows one.
+const RAYS: u32 = 192;
+const RAYS_AT_SURFACE: u32 = 2048;
+/// Value that ends rays, share of the window.
+const ENDS_AT: f64 = 0.7;
+/// Of `shaders/shared/ray_cast.wgsl`: behind the volume, below and above; tuned.
+const BACKGROUND: [[f64; 3]; 2] = [[0.25, 0.28, 0.33], [0.70, 0.76, 0.85]];
+/// Transmittance below which nothing more shows in 8 bits.
+const OPAQUE: f64 = 1.0 / 256.0;
+
+/// Of frames in which the near plane cuts the isosurface, or fields that are neither clear nor opaque.
+const SEEDS: [u32; FRAMES.len()] = [0, 100, 200, 300, 400, 700, 800];
+
+type Change = fn(&mut Scalar);
+
+const FRAMES: [(&str, &str, Change); 7] = [
+    ("scalar/direct", "opacities, rejection", |s| (s.mode, s.rejection) = (Mode::Direct, true)),
+    ("scalar/direct", "densities", |s| (s.mode, s.law) = (Mode::Direct, Law::Beer)),
+    ("scalar/positional", "opacities", |s| s.mode = Mode::Positional),
+    ("scalar/positional", "densities, rejection", |s| {
+        (s.mode, s.law, s.rejection) = (Mode::Positional, Law::Beer, true);
+    }),
+    ("scalar/positional", "strata of two voxels", |s| {
+        s.mode = Mode::Positional;
+        (s.samples, s.r_max_m) = (3, 6.0 * scalar_field::voxel_m(SPACING_M));
+    }),
+    ("scalar/isosurface", "opacities, rejection", |s| {
+        (s.gather, s.rejection) = (Gather::Opacity, true);
+    }),
+    ("scalar/isosurface", "opacities", |s| s.gather = Gather::Opacity),
+];
+
+pub fn cases() -> Vec<Case> {
+    let frame = |(number, (stage, what, change)): (usize, (&'static str, &'static str, Change))| {
+        let seed = SEEDS[number];
+        Case::new(stage, format!("a frame, {what}"), move |rig| {
+            check(rig, what, &setup(seed, change))
+        })
+    };
+    FRAMES.into_iter().enumerate().map(frame).collect()
+}
+
+fn setup(seed: u32, change: Change) -> Setup {
+    let mut random = Random::new(seed);
+    let mut within = |low, high| random.within(low, high);
+    let waves = [(); 4].map(|()| {
+        let wave = DVec3::from([(); 3].map(|()| within(-7.0, 7.0)));
+        (wave, within(0.0, TAU))
+    });
+    let value =
+        |p: DVec3| 0.45 + 0.15 * waves.iter().map(|(k, at)| (k.dot(p) + at).sin()).sum::<f64>();
+    let mut color = || [(); 3].map(|()| within(0.1, 1.0) as f32);
+    let [low_color, high_color] = [color(), color()];
+    let mut scalar = Scalar {
+        window: [within(0.15, 0.3), within(0.65, 0.85)],
+        opacity: within(0.3, 0.6),
+        density_per_m: within(3.0, 6.0),
+        ambient: within(0.2, 0.8),
+        view_step_voxels: within(0.6, 1.3),
+        iso: 0.6,
+        threshold: 0.66,
+        r_max_m: 0.55,
+        samples: 5,
+        rays: 96,
+        pyramid: true,
+        low_color,
+        high_color,
+        ..settings(Mode::Isosurface)
+    };
+    let z_far_m = within(1.2, 3.2);
+    change(&mut scalar);
+    let voxel_m = scalar_field::voxel_m(SPACING_M);
+    if scalar.mode != Mode::Isosurface {
+        scalar.threshold = match scalar.law {
+            Law::Opacity => ENDS_AT * scalar.opacity,
+            Law::Beer => 1.0 - (-ENDS_AT * scalar.density_per_m * voxel_m).exp(),
+        };
+    }
+    let mut camera = looking(DVec3::new(0.7, 0.4, 1.2), DVec3::new(-0.1, -0.1, 0.1));
+    (camera.fov_y_deg, camera.z_near_m, camera.z_far_m) = (50.0, 0.45, z_far_m);
+    let mut volume = field([16, 12, 12], SPACING_M, |_| 0.0);
+    // Not whole steps of 8 bits: samples of such textures are rounded to 8 bits by some drivers, and neighbours are then equal, not falling.
+    let index = |i: usize| DVec3::new((i % 16) as f64, (i / 16 % 12) as f64, (i / 192) as f64);
+    for (i, v) in volume.data.iter_mut().enumerate() {
+        *v = value(volume.origin_m + SPACING_M * (index(i) + 0.5)) as f32;
+    }
+    Setup { volume, scalar, camera, size_px: SIZE }
+}
+
+/// Opacity, distance, visibility and the displayed colour of a pixel.
+#[derive(Clone, Copy)]
+struct Shown {
+    opacity: f64,
+    distance_m: f64,
+    visibility: f64,
+    color: DVec3,
+}
+
+struct FrameReference<'a> {
+    setup: &'a Setup,
+    march: FieldMarch,
+    /// What the rays of occlusion read: means of cells as long as a stratum.
+    coarse: Volume,
+    to_light: DVec3,
+}
+
+impl<'a> FrameReference<'a> {
+    fn new(setup: &'a Setup) -> Result<Self> {
+        let &Scalar { window, opacity, density_per_m, r_max_m, samples, rejection, .. } =
+            &setup.scalar;
+        let voxel_m = scalar_field::voxel_m(SPACING_M);
+        let law = match setup.scalar.law {
+            Law::Opacity => FieldLaw::Opacity { full: opacity, voxel_m },
+            Law::Beer => FieldLaw::Beer { density_per_m },
+        };
+        let isosurface = setup.scalar.mode == Mode::Isosurface;
+        let ends_at = (setup.scalar.threshold - window[0]) / (window[1] - window[0]);
+        let threshold = if isosurface { ends_at } else { ENDS_AT };
+        let march = FieldMarch { law, window, r_max_m, samples, rejection, threshold };
+        let factor = (r_max_m / f64::from(samples) / voxel_m).round().max(1.0) as u32;
+        let coarse = setup.volume.clone().reduced(factor);
+        let to_light = -setup.view()?.light_frame().forward;
+        Ok(Self { setup, march, coarse, to_light })
+    }
+
+    fn value(&self, p: DVec3) -> f64 {
+        self.march.value(&self.setup.volume, p)
+    }
+
+    fn surface(&self) -> FieldSurface<'_> {
+        FieldSurface { field: &self.setup.volume, iso: self.setup.scalar.iso }
+    }
+
+    /// What a place of the window sends to the viewer: VAO §5.2.2; of a particle, §5.2.4, the light has no side.
+    fn lit(&self, value: f64, normal: DVec3, visibility: f64) -> DVec3 {
+        let scalar = &self.setup.scalar;
+        let [low, high] =
+            [scalar.low_color, scalar.high_color].map(|c| DVec3::from(c.map(f64::from)));
+        let facing = normal.dot(self.to_light).max(0.0);
+        let light = match scalar.mode {
+            Mode::Positional => 1.0,
+            _ => facing + (1.0 - facing) * scalar.ambient,
+        };
+        low.lerp(high, value) * visibility * light
+    }
+
+    fn pixel(&self, (x, y): (u32, u32)) -> Shown {
+        let Setup { volume, scalar, camera, .. } = self.setup;
+        let (near, direction, length_m) = PixelRays::new(camera, SIZE[0], SIZE[1]).ray(x, y);
+        let bounds = volume.bounds();
+        let (low, high) = ((bounds.min - near) / direction, (bounds.max - near) / direction);
+        let from_m = low.min(high).max_element().max(0.0);
+        let to_m = low.max(high).min_element().min(length_m).max(from_m);
+        let eye_m = near.distance(camera.position());
+        let share = (0.5 + 0.5 * direction.y).clamp(0.0, 1.0);
+        let behind = BACKGROUND.map(DVec3::from);
+        let behind = behind[0].lerp(behind[1], share);
+        let at = |d: f64| near + direction * d;
+        let (mut through, mut far, mut visible, mut radiance) = (1.0, 0.0, 0.0, DVec3::ZERO);
+        let mut add = |weight: f64, d: f64, visibility: f64, light: DVec3| {
+            radiance += weight * light;
+            visible += weight * visibility;
+            far += weight * (eye_m + d);
+        };
+        if scalar.mode == Mode::Isosurface {
+            if let Some(d) = self.crossing(at(from_m), direction, to_m - from_m) {
+                let (p, v) = (at(from_m + d), self.march.value_of(scalar.iso));
+                let normal = self.surface().normal(p).unwrap_or(-direction);
+                let visibility = 1.0 - self.occlusion(p, normal);
+                add(1.0, from_m + d, visibility, self.lit(v, normal, visibility));
+                through = 0.0;
+            }
+        } else {
+            let longest_m = scalar.view_step_voxels * scalar_field::voxel_m(SPACING_M);
+            let steps = ((to_m - from_m) / longest_m).ceil();
+            let step_m = (to_m - from_m) / steps;
+            for k in 0..steps as u32 {
+                let d = from_m + (f64::from(k) + 0.5) * step_m;
+                let v = self.value(at(d));
+                let weight = through * self.march.law.opacity(v, step_m);
+                if weight > 0.0 && through > OPAQUE {
+                    let normal = self.surface().normal(at(d)).unwrap_or(-direction);
+                    let visibility = 1.0 - self.occlusion(at(d), normal);
+                    add(weight, d, visibility, self.lit(v, normal, visibility));
+                    through -= weight;
+                }
+            }
+        }
+        let opacity = 1.0 - through;
+        let color = (radiance + through * behind).clamp(DVec3::ZERO, DVec3::ONE);
+        let color = color.powf(1.0 / DISPLAY_GAMMA);
+        Shown { opacity, distance_m: far / opacity, visibility: visible / opacity, color }
+    }
+
+    /// Where a ray first comes to the isosurface; 0 where it begins within.
+    fn crossing(&self, origin: DVec3, direction: DVec3, length_m: f64) -> Option<f64> {
+        if interpolated(&self.setup.volume, origin) >= self.setup.scalar.iso {
+            return Some(0.0);
+        }
+        let hit = self.surface().first_hit(origin, direction, length_m)?;
+        Some(hit.distance(origin))
+    }
+
+    fn occlusion(&self, p: DVec3, normal: DVec3) -> f64 {
+        match self.setup.scalar.mode {
+            Mode::Isosurface => {
+                self.march.hemispherical(&self.setup.volume, p, normal, RAYS_AT_SURFACE)
+            }
+            Mode::Direct => self.march.hemispherical(&self.coarse, p, normal, RAYS),
+            Mode::Positional => self.march.positional(&self.coarse, p, RAYS),
+        }
+    }
+}
+
+/// A frame against the reference, and against one with the window, the isosurface, the reach of rays and the ambient light changed.
+fn check(rig: &Rig<'_>, what: &str, setup: &Setup) -> Checks {
+    let found = setup.run(rig)?;
+    let mut other = setup.clone();
+    (other.scalar.window[1], other.scalar.iso) =
+        (setup.scalar.window[1] + 0.03, setup.scalar.iso + 0.03);
+    (other.scalar.r_max_m, other.scalar.ambient) =
+        (1.2 * setup.scalar.r_max_m, setup.scalar.ambient + 0.1);
+    let exact = |setup: &Setup| -> Result<Vec<Shown>> {
+        let reference = FrameReference::new(setup)?;
+        Ok(pixels(SIZE).map(|at| reference.pixel(at)).collect())
+    };
+    let (exact, other) = (exact(setup)?, exact(&other)?);
+    // Which side of a silhouette a pixel shows is left open, in one pixel for what is covered.
+    let isosurface = setup.scalar.mode == Mode::Isosurface;
+    let opaque = if isosurface { 1.1 / exact.len() as f64 } else { 1e-3 };
+    let check = |name: &str, tolerance, image: &Image, of: fn(&Shown) -> f64, measure: Measure| {
+        let error = |shown: &[Shown]| {
+            let apart = |i: usize| (found.distance_m.data()[i] - shown[i].distance_m).abs();
+            let same = |i: usize| !isosurface || apart(i) < 0.1;
+            let off = |i: usize| image.data()[i] - of(&shown[i]);
+            let judged = |i: usize| {
+                if same(i) || [OPACITY, DISTANCE].contains(&name) { off(i) } else { f64::NAN }
+            };
+            measure(&(0..shown.len()).map(judged).collect::<Vec<_>>())
+        };
+        Check::new(rig, format!("{what}: {name}"))
+            .within((tolerance, "1"), error(&exact))
+            .control("another window, isosurface, r_max and ambient light", error(&other))
+    };
+    let visibility = |shown: &Shown| shown.visibility;
+    let own = "correlation of neighbours' errors of visibility";
+    Ok(vec![
+        check(OPACITY, opaque, &found.opacity, |s| s.opacity, bias),
+        check(DISTANCE, 2e-3, &found.distance_m, |s| s.distance_m, p95),
+        check("mean error of visibility", 1.5e-3, &found.visibility, visibility, bias),
+        check("p95 of the error of red", 6e-3, &found.shown, |s| s.color.x, p95),
+        check(own, 0.4, &found.visibility, visibility, correlation),
+    ])
+}
+
+const OPACITY: &str = "mean error of opacity";
+const DISTANCE: &str = "p95 of the distance's error";
+
+type Measure = fn(&[f64]) -> f64;
+
+/// Where both show something.
+fn known(errors: &[f64]) -> impl Iterator<Item = f64> {
+    errors.iter().copied().filter(|error| !error.is_nan())
+}
+
+fn bias(errors: &[f64]) -> f64 {
+    mean(known(errors)).abs()
+}
+
+fn p95(errors: &[f64]) -> f64 {
+    percentile::<95>(known(errors).map(f64::abs))
+}
+
+/// Pixels draw rays of their own: neither those beside nor those below have the same error.
+fn correlation(errors: &[f64]) -> f64 {
+    let along = |step: usize| {
+        let pairs = errors.iter().zip(&errors[step..]).map(|(a, b)| a * b);
+        mean(known(&pairs.collect::<Vec<_>>())) / mean(known(errors).map(|error| error * error))
+    };
+    along(1).max(along(SIZE[0] as usize))
+}
