@@ -1,9 +1,7 @@
-//! `ao/query` against closed forms and ray casting.
+//! `ao/query` against closed forms and stored figures, and what `ao/march` counts; against ray casting `ao/march` is a row of `effects.toml`.
 
 mod counters;
-mod edges;
 mod laws;
-mod orientations;
 mod points;
 
 use crate::prelude::*;
@@ -14,8 +12,7 @@ use fathom_stages::marching::*;
 use fathom_stages::voxel::mips;
 
 pub fn cases() -> Vec<Case> {
-    let all = [points::cases(), laws::cases(), orientations::cases(), edges::cases()];
-    all.into_iter().flatten().chain(counters::cases()).collect()
+    [points::cases(), laws::cases(), counters::cases()].into_iter().flatten().collect()
 }
 
 /// Edge of a voxel in these cases, metres.

@@ -26,12 +26,15 @@ struct Setup {
     size_px: [u32; 2],
 }
 
+/// Of red, green and blue: unequal, so that none can take another's place.
+const COLOR_WEIGHTS: DVec3 = DVec3::new(0.2, 0.3, 0.5);
+
 /// What a stage left behind, pixel by pixel.
 struct ScalarPicture {
     visibility: Image,
     opacity: Image,
     distance_m: Image,
-    /// Red as it is displayed.
+    /// The displayed colour times [`COLOR_WEIGHTS`].
     shown: Image,
     /// Only of an isosurface.
     normal: Option<[Image; 3]>,
@@ -58,11 +61,15 @@ impl ScalarPicture {
         let axes = |normal| -> Result<[Image; 3]> {
             Ok([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
         };
+        let size_px = [pass.image.width(), pass.image.height()];
+        let colors = rig.vectors(&pass.image)?;
         Ok(ScalarPicture {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,
-            shown: rig.channel(&pass.image, 0)?,
+            shown: Image::from_fn(size_px, |x, y| {
+                colors[(y * size_px[0] + x) as usize].dot(COLOR_WEIGHTS)
+            }),
             normal: pass.normal.as_ref().map(axes).transpose()?,
         })
     }
