@@ -40,12 +40,6 @@ impl FieldSurface<'_> {
         Some(bisected([low, high], HALVINGS, |d| self.inside(at(d)))[1])
     }
 
-    /// The first point of the surface on a ray from outside.
-    pub fn first_hit(&self, origin: DVec3, direction: DVec3, most_m: f64) -> Option<DVec3> {
-        let distance_m = self.entry(origin, direction, most_m)?;
-        (distance_m > 0.0).then(|| origin + direction * distance_m)
-    }
-
     /// Unit vector down the gradient, by central differences over two cells; none where the field is flat.
     pub fn normal(&self, p: DVec3) -> Option<DVec3> {
         let slope = |axis: DVec3| {

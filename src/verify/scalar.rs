@@ -82,12 +82,15 @@ fn settings(mode: Mode) -> Scalar {
 
 /// A field of cells of edges `spacing_m`, centred on the world's origin, of values that 8 bits hold.
 fn field(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume {
+    unrounded(cells, spacing_m, |p| (f(p).clamp(0.0, 1.0) * 255.0).round() / 255.0)
+}
+
+fn unrounded(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume {
     let origin_m = -0.5 * spacing_m * DVec3::from(cells.map(f64::from));
     let [nx, ny, nz] = cells;
     let cells_in_order = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / (nx * ny)]);
     let centre = |cell: [u32; 3]| origin_m + spacing_m * (DVec3::from(cell.map(f64::from)) + 0.5);
-    let value = |cell| (f(centre(cell)).clamp(0.0, 1.0) * 255.0).round() as f32 / 255.0;
-    let data = cells_in_order.map(value).collect();
+    let data = cells_in_order.map(|cell| f(centre(cell)) as f32).collect();
     Volume { name: "verify".into(), cells, origin_m, spacing_m, data }
 }
 

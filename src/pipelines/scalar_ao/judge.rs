@@ -105,7 +105,8 @@ impl ScalarReference<'_> {
             _ => reference::Obscurity::Hard,
         };
         let surface = self.surface();
-        let point = surface.first_hit(origin, direction, length_m)?;
+        let distance_m = surface.entry(origin, direction, length_m).filter(|d| *d > 0.0)?;
+        let point = origin + direction * distance_m;
         surface.occlusion(point, self.r_max_m, attenuation, RAYS)
     }
 

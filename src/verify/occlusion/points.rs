@@ -50,10 +50,9 @@ pub fn cases() -> Vec<Case> {
 
 /// What is skipped is empty: rays find the same, bit for bit, at any step, threshold and kind of march.
 fn skipping(rig: &Rig<'_>) -> Result<Check> {
-    const DRAWS: u32 = 20;
     let volume = pyramid(rig, SIDE, furnished)?;
     let (mut random, mut differ) = (Random::new(17), [0.0; 2]);
-    for number in 0..DRAWS {
+    for number in 0..20 {
         let draw = [(); 8].map(|()| random.number());
         let pick = |i: usize, count: f64| (draw[i] * count) as usize;
         let mut settings = marching(|m| {

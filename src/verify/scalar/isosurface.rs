@@ -64,8 +64,7 @@ fn ball(rig: &Rig<'_>) -> Checks {
     Ok(vec![
         Check::new(rig, "distance of hits from the boundary, 95th percentile")
             .within((0.1, "voxel"), distance(RADIUS_M))
-            .control("radius 0.2 voxels larger", distance(RADIUS_M + 0.2 * VOXEL_M))
-            .with("pixels", judged.len() as f64),
+            .control("radius 0.2 voxels larger", distance(RADIUS_M + 0.2 * VOXEL_M)),
         Check::new(rig, "error of the normal, 95th percentile")
             .within((1.5, "°"), normal(CENTRE))
             .control("centre half a voxel higher", normal(CENTRE + DVec3::Y * 0.5 * VOXEL_M)),
@@ -97,8 +96,8 @@ fn gaps(rig: &Rig<'_>) -> Checks {
             .with("occlusion", a))
     };
     let plain = [(0.3, 8), (0.5, 8), (0.75, 8), (0.5, 3), (0.5, 40)];
-    let plain = plain.map(|(g, samples)| (g, samples, Stop::Threshold, Attenuation::Linear));
     let hard = (0.5, 8, Stop::Threshold, Attenuation::Hard);
     let thin = (0.5, 320, Stop::Isosurface, Attenuation::Linear);
+    let plain = plain.map(|(g, samples)| (g, samples, Stop::Threshold, Attenuation::Linear));
     plain.into_iter().chain([hard, thin]).map(check).collect()
 }
