@@ -115,9 +115,8 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
             .control("r_max 20 % greater", rms(off(1.2 * r_max_m)))
             .with("bias", mean(errors)))
     };
-    let both = [("hard", Obscurity::Hard), ("linear", Obscurity::Linear)].map(check);
-    let both: Checks = both.into_iter().collect();
-    Ok(checks.into_iter().chain(both?).collect())
+    let both = [("hard", Obscurity::Hard), ("linear", Obscurity::Linear)].into_iter();
+    checks.into_iter().map(Ok).chain(both.map(check)).collect()
 }
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {

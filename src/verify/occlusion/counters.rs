@@ -20,7 +20,6 @@ fn carried(rig: &Rig<'_>, counters: usize) -> Result<Check> {
     let volumes = [pyramid(rig, 32, |p| p.z < -1.3)?];
     let marching = marching(|m| m.skipping = true);
     let camera = (&gbuffer, seen.view.camera.view_projection(seen.view.aspect()));
-    let horizons = Horizon::default().uniforms(SIZE, 1.0);
     let counted = |begin: u64| -> Result<[Vec<u64>; 2]> {
         let to = Counters::new(rig, "verify counters", counters);
         let slots = vec![begin; to.0.size() as usize / size_of::<u64>()];
@@ -28,17 +27,16 @@ fn carried(rig: &Rig<'_>, counters: usize) -> Result<Check> {
         let stage = if rig.stage == volume_march::INFO.name {
             volume_march::new(rig, shared, &volumes, camera, &marching, SIZE, Some(&to))?
         } else {
-            horizon_march::new(rig, shared, &gbuffer, &horizons, false, Some(&to))?
+            let settings = Horizon::default().uniforms(SIZE, 1.0);
+            horizon_march::new(rig, shared, &gbuffer, &settings, false, Some(&to))?
         };
         rig.run(&[&stage])?;
         let begun = slots.chunks(slots.len() / counters).map(|slots| slots.iter().sum()).collect();
         Ok([to.sums(rig.gpu)?, begun])
     };
     let ([from_0, _], [found, begun]) = (counted(0)?, counted(BEGIN)?);
-    let off = |bits: u32| {
-        let sums = from_0.iter().zip(&begun).map(|(sum, begun)| (sum + begun) % (1 << bits));
-        largest(found.iter().zip(sums).map(|(found, sum)| found.abs_diff(sum) as f64))
-    };
+    let sum = |i: usize, bits: u32| (from_0[i] + begun[i]) % (1 << bits);
+    let off = |bits| largest((0..counters).map(|i| found[i].abs_diff(sum(i, bits)) as f64));
     Ok(Check::new(rig, "sums that begin below 2³²: largest difference of counts")
         .within((0.0, "1"), off(63))
         .control("sums of 32 bits", off(32)))

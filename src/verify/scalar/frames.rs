@@ -139,10 +139,8 @@ impl<'a> FrameReference<'a> {
         let (low, high) = ((bounds.min - near) / direction, (bounds.max - near) / direction);
         let from_m = low.min(high).max_element().max(0.0);
         let to_m = low.max(high).min_element().min(length_m).max(from_m);
-        let eye_m = near.distance(camera.position());
-        let share = (0.5 + 0.5 * direction.y).clamp(0.0, 1.0);
-        let behind = BACKGROUND.map(DVec3::from);
-        let behind = behind[0].lerp(behind[1], share);
+        let [low_color, high_color] = BACKGROUND.map(DVec3::from);
+        let behind = low_color.lerp(high_color, 0.5 + 0.5 * direction.y);
         let surface = FieldSurface { field: volume, iso: scalar.iso };
         let at = |d: f64| near + direction * d;
         // Distances of what is shaded, each with its opacity and its place in the window.
@@ -167,12 +165,12 @@ impl<'a> FrameReference<'a> {
             let weight = through * opacity;
             radiance += weight * self.lit(value, normal, visibility);
             visible += weight * visibility;
-            far += weight * (eye_m + d);
+            far += weight * at(d).distance(camera.position());
             through -= weight;
         }
         let opacity = 1.0 - through;
-        let color = (radiance + through * behind).clamp(DVec3::ZERO, DVec3::ONE);
-        let color = color.powf(1.0 / DISPLAY_GAMMA);
+        let radiance = (radiance + through * behind).clamp(DVec3::ZERO, DVec3::ONE);
+        let color = radiance.powf(1.0 / DISPLAY_GAMMA);
         Shown { opacity, distance_m: far / opacity, visibility: visible / opacity, color }
     }
 
