@@ -13,13 +13,16 @@ struct Target {
 @group(2) @binding(1) var depth: texture_depth_2d;
 @group(2) @binding(2) var normals: texture_2d<f32>;
 #if COUNT == 1
-struct Counters {
-    samples: array<atomic<u32>, 64>,
-    lookups: array<atomic<u32>, 64>,
-    fragments: array<atomic<u32>, 64>,
-}
+// A sum of 64 bits for each counter and slot: the lower word, then what was carried out of it.
+@group(2) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
 
-@group(2) @binding(3) var<storage, read_write> counters: Counters;
+fn count(counter: u32, slot: u32, n: u32) {
+    let place = 2u * (64u * counter + slot);
+    let before = atomicAdd(&counters[place], n);
+    if before + n < before {
+        atomicAdd(&counters[place + 1u], 1u);
+    }
+}
 #endif
 
 // Visibility 1 − A, so that the volumes of several objects multiply.
@@ -38,13 +41,13 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let occluded = marching::occlusion(world_at(uv, z), normal, marching::seed_of(place.x + 65536u * place.y), index);
 #if COUNT == 1
     let slot = place.x & 63u;
-    atomicAdd(&counters.samples[slot], marching::taken);
-    atomicAdd(&counters.lookups[slot], marching::looked_up);
+    count(0u, slot, marching::taken);
+    count(1u, slot, marching::looked_up);
 #if SLICED == 1
     // A fragment counts once, in its first pass.
-    atomicAdd(&counters.fragments[slot], u32(marching::slice.first == 0u));
+    count(2u, slot, u32(marching::slice.first == 0u));
 #else
-    atomicAdd(&counters.fragments[slot], 1u);
+    count(2u, slot, 1u);
 #endif
 #endif
     return vec4(1.0 - occluded);

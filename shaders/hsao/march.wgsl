@@ -31,12 +31,16 @@ struct March {
 @group(1) @binding(1) var depth: texture_depth_2d;
 @group(1) @binding(2) var normals: texture_2d<f32>;
 #if COUNT == 1
-struct Counters {
-    samples: array<atomic<u32>, 64>,
-    fragments: array<atomic<u32>, 64>,
-}
+// A sum of 64 bits for each counter and slot: the lower word, then what was carried out of it.
+@group(1) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
 
-@group(1) @binding(3) var<storage, read_write> counters: Counters;
+fn count(counter: u32, slot: u32, n: u32) {
+    let place = 2u * (64u * counter + slot);
+    let before = atomicAdd(&counters[place], n);
+    if before + n < before {
+        atomicAdd(&counters[place + 1u], 1u);
+    }
+}
 var<private> taken: u32 = 0u;
 #endif
 
@@ -295,8 +299,8 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let occluded = occlusion(shaded_point(texel, z), pcg(place.x + 65536u * place.y + settings.seed * SEED_STEP));
 #if COUNT == 1
     let slot = place.x & 63u;
-    atomicAdd(&counters.samples[slot], taken);
-    atomicAdd(&counters.fragments[slot], 1u);
+    count(0u, slot, taken);
+    count(1u, slot, 1u);
 #endif
     return vec4(1.0 - saturate(occluded));
 }

@@ -26,6 +26,10 @@ struct Filter {
 const NO_NORMALS: f32 = 1000.0;
 // Weight below which the taps say nothing: the one nearest in depth is taken.
 const LEAST_WEIGHT: f32 = 1e-4;
+// Farther than any tap lies from the pixel's plane, metres.
+const NONE: f32 = 1e30;
+// Where no tap shows a surface, the nearest in depth is sought among all texels so far to each side at most.
+const MOST_SOUGHT: f32 = 8.0;
 
 fn device_depth(depth: texture_depth_2d, texel: vec2<i32>) -> f32 {
     return textureLoad(depth, clamp(texel, vec2(0), vec2<i32>(textureDimensions(depth)) - 1), 0);
@@ -84,7 +88,7 @@ fn filtered(
     var sum = 0.0;
     var weights = 0.0;
     var nearest = 1.0;
-    var nearest_m = 1e30;
+    var nearest_m = NONE;
     for (var i = 0u; i < settings.taps; i++) {
         var offset = settings.radius_px * disc_tap(i, settings.taps);
         offset -= shrink * dot(offset, uphill) * uphill;
@@ -111,6 +115,23 @@ fn filtered(
         let weight = exp(-0.5 * (dot(across, across) + along * along + dot(turned, turned)));
         sum += weight * value;
         weights += weight;
+    }
+    if nearest_m == NONE {
+        // What is as thin as a twig can lie between the taps.
+        let reach = i32(min(ceil(settings.radius_px), MOST_SOUGHT));
+        let low = max(vec2<i32>(middle) - reach, vec2(0));
+        let high = min(vec2<i32>(middle) + reach, last);
+        for (var y = low.y; y <= high.y; y++) {
+            for (var x = low.x; x <= high.x; x++) {
+                let seen = texel_behind(vec2(f32(x), f32(y)) + 0.5, settings.source_px, settings.size_px);
+                let tap_z = textureLoad(depth, seen, 0);
+                let off_m = abs(view_depth_m(tap_z) - view_m);
+                if tap_z < 1.0 && off_m < nearest_m {
+                    nearest_m = off_m;
+                    nearest = textureLoad(source, vec2(x, y), 0).x;
+                }
+            }
+        }
     }
     if weights < LEAST_WEIGHT {
         return nearest;

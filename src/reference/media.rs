@@ -18,8 +18,8 @@ const MIN_THROUGH: f64 = 1.0 / 256.0;
 /// What the values of a field mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FieldLaw {
-    /// Opacities of a voxel of this edge, metres.
-    Opacity { voxel_m: f64 },
+    /// Shares of this opacity of a voxel of this edge, metres.
+    Opacity { full: f64, voxel_m: f64 },
     /// Shares of this attenuation coefficient, 1/m.
     Beer { density_per_m: f64 },
 }
@@ -28,7 +28,7 @@ impl FieldLaw {
     /// Attenuation coefficient of a value, 1/m: σ̂ = −ln(1 − V) / v_s (VAO §5.2.3), or Beer's σ.
     pub fn attenuation(self, value: f64) -> f64 {
         match self {
-            FieldLaw::Opacity { voxel_m } => -(1.0 - value).ln() / voxel_m,
+            FieldLaw::Opacity { full, voxel_m } => -(1.0 - full * value).ln() / voxel_m,
             FieldLaw::Beer { density_per_m } => density_per_m * value,
         }
     }
@@ -43,6 +43,8 @@ impl FieldLaw {
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldMarch {
     pub law: FieldLaw,
+    /// Values of the field between which V of the equations runs from 0 to 1.
+    pub window: [f64; 2],
     pub r_max_m: f64,
     pub samples: u32,
     /// Whether samples of falling value count for nothing (Eq. 4).
@@ -52,11 +54,22 @@ pub struct FieldMarch {
 }
 
 impl FieldMarch {
+    /// V of the equations for a value of the field.
+    pub fn value_of(&self, value: f64) -> f64 {
+        let [low, high] = self.window;
+        ((value - low) / (high - low)).clamp(0.0, 1.0)
+    }
+
+    /// V of the equations at a point.
+    pub fn value(&self, field: &Volume, position: DVec3) -> f64 {
+        self.value_of(interpolated(field, position))
+    }
+
     /// γ along a ray: Eq. 5, with Eq. 6 for opacities. `jitter` is the place of each sample in its stratum, 0 … 1. The march
     /// does not end where the obscurance comes near 1.
     pub fn obscurance(&self, field: &Volume, origin: DVec3, direction: DVec3, jitter: f64) -> f64 {
         let stratum_m = self.r_max_m / f64::from(self.samples);
-        let mut before = interpolated(field, origin);
+        let mut before = self.value(field, origin);
         let mut depth = 0.0;
         for k in 0..self.samples {
             let distance_m = (f64::from(k) + jitter) * stratum_m;
@@ -64,7 +77,7 @@ impl FieldMarch {
             if !field.bounds().contains(position) {
                 break;
             }
-            let value = interpolated(field, position);
+            let value = self.value(field, position);
             let counts = !self.rejection || value >= before;
             before = value;
             if counts {
@@ -99,7 +112,7 @@ impl FieldMarch {
         let (mut through, mut sum) = (1.0, 0.0);
         for k in 0..(length_m / step_m).ceil() as u32 {
             let position = origin + direction * ((f64::from(k) + 0.5) * step_m);
-            let weight = through * self.law.opacity(interpolated(field, position), step_m);
+            let weight = through * self.law.opacity(self.value(field, position), step_m);
             if weight > 0.0 {
                 sum += weight * occlusion(position);
                 through -= weight;

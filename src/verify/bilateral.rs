@@ -17,6 +17,7 @@ pub fn cases() -> Vec<Case> {
             Case::new(info.name, "edges of what is drawn", move |rig| leak(info, rig)),
             Case::new(info.name, "two walls", move |rig| walls(info, rig)),
             Case::new(info.name, "points of light on a slanted wall", move |rig| spread(info, rig)),
+            Case::new(info.name, "noise on twigs", move |rig| within_range(info, rig)),
         ]
     });
     cases.into_iter().flatten().collect()
@@ -112,6 +113,41 @@ fn walls(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
             .within((2e-3, "1"), error(depth_sigma, normal_sigma))
             .control("normal_sigma 0.45", error(depth_sigma, 0.45)),
     ])
+}
+
+/// What a mean of taps is: within the range of the texels around the pixel that show a surface. Twigs lie between taps of smaller buffers.
+fn within_range(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
+    let fixture = rig.fixture(Scene::load("thicket")?, SIZE)?;
+    let (depth, settings) = (rig.channel(&rig.gbuffer(&fixture)?.depth, 0)?, Filter::default());
+    let check = |source: [u32; 2]| {
+        let noise = noise(source, 5);
+        let [found, _] = filtered((info, rig), &fixture, &settings, |_| noise.clone())?;
+        // Of the middle of a pixel or texel, that of the other image.
+        let other = |(x, y): (u32, u32), [from, to]: [[u32; 2]; 2]| {
+            let along = |at: u32, axis: usize| (2 * at + 1) * to[axis] / (2 * from[axis]);
+            (along(x, 0), along(y, 1))
+        };
+        let shows = |texel: &(u32, u32)| depth.get(other(*texel, [source, SIZE])) < 1.0;
+        let outside = |reach: u32| {
+            let drawn = pixels(SIZE).filter(|at| depth.get(*at) < 1.0);
+            largest(drawn.map(|at| {
+                let (x, y) = other(at, [SIZE, source]);
+                let around = pixels(source)
+                    .filter(|texel| texel.0.abs_diff(x).max(texel.1.abs_diff(y)) <= reach);
+                let values = || around.clone().filter(shows).map(|texel| noise.get(texel));
+                let low = values().fold(1.0, f64::min);
+                let v = found.get(at);
+                (low - v).max(v - values().fold(low, f64::max))
+            }))
+        };
+        let reach = settings.radius_px as u32;
+        let what = "texels of noise: largest distance from the range of those around";
+        // Half a step of 16-bit floats.
+        Ok(Check::new(rig, format!("{source:?} {what}"))
+            .within((2.5e-4, "1"), outside(reach))
+            .control("of those within half the radius", outside(reach / 2)))
+    };
+    [[48, 32], [13, 11]].into_iter().map(check).collect()
 }
 
 /// Black on the geometry of a scene, white beside it.

@@ -1,20 +1,18 @@
-//! `ao/query` against closed forms and ray casting.
+//! `ao/query` against closed forms and stored figures, and what `ao/march` counts; against ray casting `ao/march` is a row of `effects.toml`.
 
-mod edges;
+mod counters;
 mod laws;
-mod orientations;
 mod points;
 
 use crate::prelude::*;
+use fathom_pipelines::hsao::Horizon;
 use fathom_reference::occlusion as reference;
 use fathom_stages::ao::query::{self, SurfacePoint};
-use fathom_stages::marching::{Attenuation, Guard, HitPoint, Marching};
+use fathom_stages::marching::*;
+use fathom_stages::voxel::mips;
 
 pub fn cases() -> Vec<Case> {
-    [points::cases(), laws::cases(), orientations::cases(), edges::cases()]
-        .into_iter()
-        .flatten()
-        .collect()
+    [points::cases(), laws::cases(), counters::cases()].into_iter().flatten().collect()
 }
 
 /// Edge of a voxel in these cases, metres.
@@ -28,6 +26,13 @@ fn volume(rig: &Rig<'_>, side: u32, level: u8, inside: impl Fn(DVec3) -> bool) -
     let full = super::voxel::subjects::cells(&grid).map(|cell| inside(grid.center(cell)));
     voxels.write(rig, &full.map(|full| level * u8::from(full)).collect::<Vec<u8>>());
     Ok(voxels)
+}
+
+/// A volume of full voxels with its occupancy pyramid.
+fn pyramid(rig: &Rig<'_>, side: u32, inside: impl Fn(DVec3) -> bool) -> Result<Voxels> {
+    let volume = volume(rig, side, 255, inside)?;
+    rig.run(&[&mips::new(rig, std::slice::from_ref(&volume))?])?;
+    Ok(volume)
 }
 
 /// The pipeline's defaults with fewer rays, and r_max of ten voxels.

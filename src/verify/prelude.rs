@@ -25,4 +25,4 @@ pub use fathom_stages::splatting::PHOTONS_PER_INSTANCE;
 pub use fathom_stages::transfer::map;
 pub use fathom_stages::uniforms::{Shared, View};
 pub use fathom_stages::voxels::Voxels;
-pub use glam::{DMat3, DQuat, DVec2, DVec3, DVec4, EulerRot, UVec2, Vec2, Vec3};
+pub use glam::{DVec2, DVec3, DVec4, UVec2, Vec2, Vec3};

@@ -1,5 +1,6 @@
 //! Stages of family `scalar` on small fields against closed forms and f64 marching.
 
+mod frames;
 mod isosurface;
 mod media;
 
@@ -9,7 +10,7 @@ use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar_field::{self, ScalarField};
 
 pub fn cases() -> Vec<Case> {
-    let families = [isosurface::cases(), media::cases()];
+    let families = [frames::cases(), isosurface::cases(), media::cases()];
     families.into_iter().flatten().collect()
 }
 
@@ -25,12 +26,15 @@ struct Setup {
     size_px: [u32; 2],
 }
 
+/// Of red, green and blue: unequal, so that none can take another's place.
+const COLOR_WEIGHTS: DVec3 = DVec3::new(0.2, 0.3, 0.5);
+
 /// What a stage left behind, pixel by pixel.
 struct ScalarPicture {
     visibility: Image,
     opacity: Image,
     distance_m: Image,
-    /// Red as it is displayed.
+    /// The displayed colour times [`COLOR_WEIGHTS`].
     shown: Image,
     /// Only of an isosurface.
     normal: Option<[Image; 3]>,
@@ -57,11 +61,13 @@ impl ScalarPicture {
         let axes = |normal| -> Result<[Image; 3]> {
             Ok([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
         };
+        let size_px = [pass.image.width(), pass.image.height()];
+        let colors = Texels::read(rig, &pass.image)?;
         Ok(ScalarPicture {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,
-            shown: rig.channel(&pass.image, 0)?,
+            shown: Image::from_fn(size_px, |x, y| colors.get((x, y)).truncate().dot(COLOR_WEIGHTS)),
             normal: pass.normal.as_ref().map(axes).transpose()?,
         })
     }
@@ -74,12 +80,15 @@ fn settings(mode: Mode) -> Scalar {
 
 /// A field of cells of edges `spacing_m`, centred on the world's origin, of values that 8 bits hold.
 fn field(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume {
+    unrounded(cells, spacing_m, |p| (f(p).clamp(0.0, 1.0) * 255.0).round() / 255.0)
+}
+
+fn unrounded(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume {
     let origin_m = -0.5 * spacing_m * DVec3::from(cells.map(f64::from));
     let [nx, ny, nz] = cells;
     let cells_in_order = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / (nx * ny)]);
     let centre = |cell: [u32; 3]| origin_m + spacing_m * (DVec3::from(cell.map(f64::from)) + 0.5);
-    let value = |cell| (f(centre(cell)).clamp(0.0, 1.0) * 255.0).round() as f32 / 255.0;
-    let data = cells_in_order.map(value).collect();
+    let data = cells_in_order.map(|cell| f(centre(cell)) as f32).collect();
     Volume { name: "verify".into(), cells, origin_m, spacing_m, data }
 }
 
@@ -97,9 +106,4 @@ fn probe(point: DVec3) -> Camera {
 
 fn looking(position: DVec3, target: DVec3) -> Camera {
     Camera::new(position.to_array(), target.to_array(), 30.0, [0.1, 20.0])
-}
-
-/// The edge that opacities of these fields refer to.
-fn opacity_voxel_m(volume: &Volume) -> f64 {
-    scalar_field::voxel_m(volume.spacing_m)
 }

@@ -106,7 +106,8 @@ impl ScalarReference<'_> {
             _ => reference::Obscurity::Hard,
         };
         let surface = self.surface();
-        let point = surface.first_hit(origin, direction, length_m)?;
+        let distance_m = surface.entry(origin, direction, length_m).filter(|d| *d > 0.0)?;
+        let point = origin + direction * distance_m;
         surface.occlusion(point, self.r_max_m, attenuation, RAYS)
     }
 
@@ -126,13 +127,13 @@ impl ScalarReference<'_> {
     }
 
     fn marching(&self) -> FieldMarch {
-        let Scalar { law, density_per_m, rejection, .. } = *self.settings;
+        let Scalar { law, density_per_m, rejection, window, opacity, .. } = *self.settings;
         let law = match law {
-            Law::Opacity => media::FieldLaw::Opacity { voxel_m: self.voxel_m },
+            Law::Opacity => media::FieldLaw::Opacity { full: opacity, voxel_m: self.voxel_m },
             Law::Beer => media::FieldLaw::Beer { density_per_m },
         };
         let samples = (self.r_max_m / (STEP_VOXELS * self.voxel_m)).ceil() as u32;
         let threshold = f64::INFINITY;
-        FieldMarch { law, r_max_m: self.r_max_m, samples, rejection, threshold }
+        FieldMarch { law, window, r_max_m: self.r_max_m, samples, rejection, threshold }
     }
 }

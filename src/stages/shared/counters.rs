@@ -3,21 +3,20 @@
 use crate::kit::{Bind, Buffer, Resource, Resources};
 use fathom_gpu::{Gpu, GpuError, read_buffer};
 
-/// Partial sums of each counter, so that fragments do not queue for one.
+/// Partial sums of each counter, so that fragments do not queue for one: 64 bits each, the lower word first.
 const SLOTS: usize = 64;
 
-pub struct Counters(Buffer);
+pub struct Counters(pub Buffer);
 
 impl Counters {
     pub fn new(resources: &Resources<'_>, label: &str, counters: usize) -> Self {
-        Self(resources.storage(label, (counters * SLOTS * 4) as u64))
+        Self(resources.storage(label, (counters * SLOTS * 8) as u64))
     }
 
     /// What was counted, in the shader's order.
     pub fn sums(&self, gpu: &Gpu) -> Result<Vec<u64>, GpuError> {
-        let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.0)?);
-        let sum = |slots: &[u32]| slots.iter().map(|n| u64::from(*n)).sum();
-        Ok(words.chunks(SLOTS).map(sum).collect())
+        let sums: Vec<u64> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.0)?);
+        Ok(sums.chunks(SLOTS).map(|slots| slots.iter().sum()).collect())
     }
 }
 

@@ -43,7 +43,7 @@ mod tests {
         ("told where the stage is made", "scalar/isosurface"),
         ("slices of rays or of steps", "ao/march ao/query scalar/direct scalar/positional"),
         ("layers of the dispatch", "voxel/alpha voxel/overlap"),
-        ("1,024 taps", "ao/bilateral caustics/filter godrays/filter hsao/filter"),
+        ("1,024 taps, 17² texels", "ao/bilateral caustics/filter godrays/filter hsao/filter"),
         ("1,024 waves, four pixels, 256 taps", "compose"),
         ("eight heights of 1,024 waves", "shadow/mask transfer/map"),
         ("64 layers", "rays/rasterize sprites/draw transfer/bounce"),

@@ -3,7 +3,6 @@
 
 use super::*;
 use fathom_stages::ao::query::INFO;
-use fathom_stages::marching::{Estimator, Occluder, Sampling, StepLength};
 
 /// Filtering units have 8 bits of weight along each axis: adapters differ by nearly as much.
 const TOLERANCE: f64 = 3e-4;
@@ -45,7 +44,40 @@ fn opacities(m: &mut Marching, step_voxels: f64) {
 
 pub fn cases() -> Vec<Case> {
     let what = |(name, ..): (&str, MarchChange, f64)| format!("a furnished volume, {name}");
-    Case::each(INFO.name, VARIANTS, what, check).collect()
+    let skipping = Case::new(INFO.name, "a furnished volume, skipping", skipping);
+    Case::each(INFO.name, VARIANTS, what, check).chain([skipping]).collect()
+}
+
+/// What is skipped is empty: rays find the same, bit for bit, at any step, threshold and kind of march.
+fn skipping(rig: &Rig<'_>) -> Result<Check> {
+    let volume = pyramid(rig, SIDE, furnished)?;
+    let (mut random, mut differ) = (Random::new(17), [0.0; 2]);
+    for number in 0..20 {
+        let draw = [(); 8].map(|()| random.number());
+        let pick = |i: usize, count: f64| (draw[i] * count) as usize;
+        let mut settings = marching(|m| {
+            let guards = [Guard::None, Guard::Voxel, Guard::SevenVoxels, Guard::Variable];
+            m.guard = guards[pick(0, 4.0)];
+            m.occluder = [Occluder::Binary, Occluder::Binary, Occluder::Opacity][pick(1, 3.0)];
+            m.hit = [HitPoint::Sample, HitPoint::Peak][pick(2, 2.0)];
+            m.attenuation = [Attenuation::Linear, Attenuation::Hard][pick(3, 2.0)];
+            m.jitter = pick(4, 2.0) == 1;
+            (m.r_max_m, m.offset_voxels, m.threshold) = (3.0, draw[5], 0.1 + 0.85 * draw[6]);
+            m.step_voxels = 0.3 * 20f64.powf(draw[7]);
+        });
+        let mut run = |skipping: bool, seed: u32| {
+            (settings.skipping, settings.seed) = (skipping, seed);
+            query(rig, &volume, &furnished_points(), &settings)
+        };
+        let plain = run(false, 0)?;
+        differ[0] += differing(&run(true, 0)?, &plain);
+        if number == 0 {
+            differ[1] = differing(&run(true, 1)?, &plain);
+        }
+    }
+    Ok(Check::new(rig, "random steps and settings: points where skipping changes A")
+        .within((0.0, "1"), differ[0])
+        .control("another seed", differ[1]))
 }
 
 fn check(rig: &Rig<'_>, (name, change, stored): (&str, MarchChange, f64)) -> Result<Check> {

@@ -1,10 +1,8 @@
-//! `scalar/isosurface` on a ball and a slab whose boundaries are known.
+//! `scalar/isosurface` on a ball and between two planes, whose boundaries are known.
 
 use super::*;
-use fathom_pipelines::scalar_ao::{Gather, Stop};
-use fathom_reference::isosurface::{Solid, first, occlusion};
-use fathom_reference::media::{FieldLaw, FieldMarch};
-use fathom_reference::occlusion::Obscurity;
+use fathom_pipelines::scalar_ao::Stop;
+use fathom_pipelines::settings::Attenuation;
 
 const STAGE: &str = "scalar/isosurface";
 const SIZE: [u32; 2] = [64, 64];
@@ -13,244 +11,93 @@ const CELLS: u32 = 48;
 const RAMP_M: f64 = 4.0 * VOXEL_M;
 const CENTRE: DVec3 = DVec3::new(0.03, 0.01, -0.02);
 const RADIUS_M: f64 = 1.0;
-const BALL: Solid = Solid::Ball { centre: CENTRE, radius_m: RADIUS_M };
-const BALL_AND_SLAB: [Solid; 2] = [BALL, Solid::Slab { top_m: -1.23 }];
 const R_MAX_M: f64 = 1.6;
-/// Rays along each side of the reference's grid.
-const SIDE: u32 = 48;
-/// Every n-th pixel is judged by casting.
-const STRIDE: usize = 11;
 /// Pixels whose ray grazes a boundary are left out: the field rounds off what a ray just touches.
 const GRAZING: f64 = 0.2;
 
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "a ball: where rays hit, and the normal there", ball),
-        Case::new(STAGE, "a ball over a slab: the light it shows", shading),
-        Case::new(STAGE, "a ball over a slab: ambient occlusion", ball_over_slab),
-        Case::new(STAGE, "a ball over a slab: rejection sampling", rejection),
         Case::new(STAGE, "gaps between two planes", gaps),
     ]
 }
 
 /// 1 inside, 0 outside, 1/2 on the boundary, linear between.
-fn blurred(solids: &[Solid]) -> Volume {
-    cubes(CELLS, |p| {
-        let nearest = solids.iter().map(|s| s.distance(p)).fold(f64::MAX, f64::min);
-        0.5 - nearest / RAMP_M
-    })
-}
-
-fn setup(solids: &[Solid], scalar: Scalar) -> Setup {
+fn setup(distance_m: impl Fn(DVec3) -> f64, scalar: Scalar) -> Setup {
     Setup {
-        volume: blurred(solids),
+        volume: cubes(CELLS, |p| 0.5 - distance_m(p) / RAMP_M),
         scalar: Scalar { iso: 0.5, r_max_m: R_MAX_M, view_step_voxels: 0.7, ..scalar },
         camera: looking(DVec3::new(2.5, 2.2, 5.0), DVec3::new(0.0, -0.4, 0.0)),
         size_px: SIZE,
     }
 }
 
-/// A pixel whose ray meets a solid within the box, and what is exact there.
-struct Hit {
-    pixel: usize,
-    /// Of the view ray.
-    direction: DVec3,
-    position: DVec3,
-    normal: DVec3,
-}
-
-fn hits(setup: &Setup, solids: &[Solid]) -> Vec<Hit> {
-    let rays = PixelRays::new(&setup.camera, SIZE[0], SIZE[1]);
-    let bounds = setup.volume.bounds();
-    let hit = |(pixel, (x, y)): (usize, (u32, u32))| {
-        let (origin, direction, _) = rays.ray(x, y);
-        let (solid, distance_m) = first(solids, origin, direction)?;
-        let position = origin + direction * distance_m;
-        let normal = solid.normal(position);
-        // Away from the box's sides, which cut the slab and what occludes it.
-        let margin = DVec3::splat(2.0 * VOXEL_M);
-        let inside =
-            position.cmpge(bounds.min + margin).all() && position.cmple(bounds.max - margin).all();
-        let judged = inside && -normal.dot(direction) > GRAZING;
-        judged.then_some(Hit { pixel, direction, position, normal })
-    };
-    pixels(SIZE).enumerate().filter_map(hit).collect()
-}
-
 fn ball(rig: &Rig<'_>) -> Checks {
     let scalar = Scalar { rays: 1, samples: 1, ..settings(Mode::Isosurface) };
-    let setup = setup(&[BALL], scalar);
+    let setup = setup(|p| p.distance(CENTRE) - RADIUS_M, scalar);
     let seen = setup.run(rig)?;
-    let larger = Solid::Ball { centre: CENTRE, radius_m: RADIUS_M + 0.2 * VOXEL_M };
-    let moved = Solid::Ball { centre: CENTRE + DVec3::Y * 0.5 * VOXEL_M, radius_m: RADIUS_M };
-    let judged = hits(&setup, &[BALL]);
-    if judged.is_empty() {
-        return Err(rig.empty("a ball"));
-    }
+    let rays = PixelRays::new(&setup.camera, SIZE[0], SIZE[1]);
     let eye = setup.camera.position();
-    let distance = |solid: Solid| {
-        p95(judged.iter().map(|h| {
-            let met = eye + h.direction * seen.distance_m.data()[h.pixel];
-            solid.distance(met).abs() / VOXEL_M
+    // Pixel, direction and exact place of each hit.
+    let hit = |(pixel, (x, y)): (usize, (u32, u32))| {
+        let (_, direction, _) = rays.ray(x, y);
+        let nearest = (CENTRE - eye).dot(direction);
+        let beside = CENTRE.distance(eye + direction * nearest);
+        let half = (RADIUS_M * RADIUS_M - beside * beside).sqrt();
+        let place = eye + direction * (nearest - half);
+        (half > GRAZING * RADIUS_M).then_some((pixel, direction, place))
+    };
+    let judged: Vec<_> = pixels(SIZE).enumerate().filter_map(hit).collect();
+    let distance = |radius_m: f64| {
+        percentile::<95>(judged.iter().map(|(pixel, direction, _)| {
+            let met = eye + direction * seen.distance_m.data()[*pixel];
+            (met.distance(CENTRE) - radius_m).abs() / VOXEL_M
         }))
     };
-    let normal = |solid: Solid| {
-        p95(judged
-            .iter()
-            .map(|h| seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()))
+    let normal = |centre: DVec3| {
+        percentile::<95>(judged.iter().map(|(pixel, _, place)| {
+            let axis = |i: usize| seen.normal.as_ref().map_or(0.0, |n| n[i].data()[*pixel]);
+            let found = DVec3::new(axis(0), axis(1), axis(2));
+            found.angle_between(place - centre).to_degrees()
+        }))
     };
     Ok(vec![
         Check::new(rig, "distance of hits from the boundary, 95th percentile")
-            .within((0.1, "voxel"), distance(BALL))
-            .control("radius 0.2 voxels larger", distance(larger))
-            .with("pixels", judged.len() as f64),
+            .within((0.1, "voxel"), distance(RADIUS_M))
+            .control("radius 0.2 voxels larger", distance(RADIUS_M + 0.2 * VOXEL_M)),
         Check::new(rig, "error of the normal, 95th percentile")
-            .within((1.5, "°"), normal(BALL))
-            .control("centre half a voxel higher", normal(moved)),
+            .within((1.5, "°"), normal(CENTRE))
+            .control("centre half a voxel higher", normal(CENTRE + DVec3::Y * 0.5 * VOXEL_M)),
     ])
 }
 
-impl ScalarPicture {
-    fn normal_at(&self, pixel: usize) -> DVec3 {
-        let axis = |i: usize| self.normal.as_ref().map_or(0.0, |n| n[i].data()[pixel]);
-        DVec3::new(axis(0), axis(1), axis(2))
-    }
-}
-
-/// 95th percentile; between two of the errors the lesser.
-fn p95(errors: impl Iterator<Item = f64>) -> f64 {
-    let mut errors: Vec<f64> = errors.collect();
-    errors.sort_by(f64::total_cmp);
-    errors[(errors.len() - 1) * 95 / 100]
-}
-
-/// Pixels of a ball over a slab, some of all, each with A as the stage finds it.
-fn occluded(rig: &Rig<'_>, scalar: Scalar) -> Result<(Volume, Vec<(f64, Hit)>)> {
-    let setup = setup(&BALL_AND_SLAB, scalar);
-    let visibility = setup.run(rig)?.visibility;
-    let judged = hits(&setup, &BALL_AND_SLAB).into_iter().step_by(STRIDE);
-    let found = |h: Hit| (1.0 - visibility.data()[h.pixel], h);
-    Ok((setup.volume, judged.map(found).collect()))
-}
-
-/// γ of Eq. 7 with Eq. 4, against f64 marching of the same field from where the rays exactly hit.
-fn rejection(rig: &Rig<'_>) -> Checks {
-    let mut checks = Vec::new();
-    // R_MAX_M is 16 voxels.
-    for (samples, step) in [(32, "half a voxel"), (8, "two voxels")] {
-        let found = |rejection: bool| {
-            let all = settings(Mode::Isosurface);
-            let gather = Gather::Opacity;
-            // Of full opacity a single sample would end every ray.
-            let (threshold, opacity) = (0.8, 0.3);
-            occluded(
-                rig,
-                Scalar { gather, rejection, samples, threshold, opacity, rays: 64, ..all },
-            )
-        };
-        let (mut field, judged) = found(true)?;
-        // The twin's values are opacities.
-        field.data.iter_mut().for_each(|v| *v *= 0.3);
-        let [with, without] = [true, false].map(|rejection| -> Vec<f64> {
-            let law = FieldLaw::Opacity { voxel_m: VOXEL_M };
-            let twin =
-                FieldMarch { law, r_max_m: R_MAX_M, samples, rejection, threshold: 0.8 * 0.3 };
-            judged
-                .iter()
-                .map(|(_, h)| twin.hemispherical(&field, h.position, h.normal, 96))
-                .collect()
-        });
-        let check = |name: &str, judged: &[(f64, Hit)], [exact, other]: [&[f64]; 2], control| {
-            let error = |exact: &[f64]| {
-                mean(judged.iter().zip(exact).map(|((a, _), exact)| (a - exact).abs()))
-            };
-            let what = format!("{name}, strata of {step}: mean error of A against f64 marching");
-            Check::new(rig, what)
-                .within((0.02, "1"), error(exact))
-                .control(control, error(other))
-                .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a)))
-        };
-        checks.push(check("rejection", &judged, [&with, &without], "no sample rejected"));
-        if samples == 32 {
-            let (_, judged) = found(false)?;
-            let exact = [&without[..], &with];
-            checks.push(check("no rejection", &judged, exact, "falling samples rejected"));
-        }
-    }
-    Ok(checks)
-}
-
-fn ball_over_slab(rig: &Rig<'_>) -> Checks {
-    let found = |stop: Stop| {
-        let (threshold, tolerance) = (0.5, 0.15);
-        let all = settings(Mode::Isosurface);
-        Ok::<_, VerifyError>(
-            occluded(rig, Scalar { stop, threshold, tolerance, rays: 64, samples: 24, ..all })?.1,
-        )
-    };
-    let by_threshold = found(Stop::Threshold)?;
-    let exact =
-        |h: &Hit| occlusion(&BALL_AND_SLAB, h.position, h.normal, R_MAX_M, Obscurity::Linear, SIDE);
-    let exact: Vec<f64> = by_threshold.iter().map(|(_, h)| exact(h)).collect();
-    let check = |judged: &[(f64, Hit)], what: &str| {
-        let off = || judged.iter().zip(&exact).map(|((a, _), exact)| a - exact);
-        Check::new(rig, format!("rays end at {what}: mean error of A"))
-            .within((0.02, "1"), mean(off().map(f64::abs)))
-            .control("nothing occluded", mean(judged.iter().map(|(a, _)| *a)))
-            .with("mean_signed_error", mean(off()))
-            .with("pixels", judged.len() as f64)
-    };
-    Ok(vec![
-        check(&by_threshold, "V ≥ V_thres"),
-        check(&found(Stop::Isosurface)?, "|V − iso| < tolerance"),
-    ])
-}
-
-/// The mean A of a plane below another at a distance g is (1 − g / r_max)².
+/// The mean A of a plane below another at a distance g is (1 − g / r_max)², and 1 − (g / r_max)² of hard attenuation.
 fn gaps(rig: &Rig<'_>) -> Checks {
-    let found = |share: f64, samples: u32| -> Result<f64> {
+    let check = |(share, samples, stop, attenuation): (f64, u32, Stop, Attenuation)| {
         let half_m = 0.5 * share * R_MAX_M;
-        let scalar = Scalar { threshold: 0.5, rays: 64, samples, ..settings(Mode::Isosurface) };
+        let (threshold, tolerance) = (0.5, 0.02);
+        let all = settings(Mode::Isosurface);
+        let scalar = Scalar { threshold, tolerance, rays: 64, samples, stop, attenuation, ..all };
         let camera = looking(DVec3::Z, DVec3::new(0.0, -half_m, 0.6));
-        let volume = cubes(CELLS, |p| 0.5 - (half_m - p.y.abs()) / RAMP_M);
-        let setup = Setup { volume, camera, size_px: [16; 2], ..setup(&[], scalar) };
-        Ok(1.0 - setup.run(rig)?.visibility.mean())
-    };
-    let check = |(share, samples): (f64, u32)| {
-        let a = found(share, samples)?;
-        let off = |share: f64| (a - (1.0 - share).powi(2)).abs();
-        let what = format!("a gap of {share} r_max, {samples} samples: error of the mean A");
+        let between = setup(|p| half_m - p.y.abs(), scalar);
+        let setup = Setup { camera, size_px: [16; 2], ..between };
+        let a = 1.0 - setup.run(rig)?.visibility.mean();
+        let law = |share: f64| match attenuation {
+            Attenuation::Linear => (1.0 - share).powi(2),
+            Attenuation::Hard => 1.0 - share * share,
+        };
+        let off = |share: f64| (a - law(share)).abs();
+        let ways = format!("{stop:?}, {attenuation:?}").to_lowercase();
+        let what =
+            format!("a gap of {share} r_max, {samples} samples, {ways}: error of the mean A");
         Ok(Check::new(rig, what)
             .within((0.01, "1"), off(share))
             .control("a gap a voxel wider", off(share + VOXEL_M / R_MAX_M))
             .with("occlusion", a))
     };
-    [(0.3, 8), (0.5, 8), (0.75, 8), (0.5, 3), (0.5, 40)].into_iter().map(check).collect()
-}
-
-/// The picture against what visibility and normals make of the light: albedo × visibility × light.
-fn shading(rig: &Rig<'_>) -> Result<Check> {
-    const ALBEDO: f64 = 0.5;
-    let scalar = Scalar {
-        low_color: [ALBEDO as f32; 3],
-        high_color: [ALBEDO as f32; 3],
-        samples: 24,
-        ..settings(Mode::Isosurface)
-    };
-    let setup = setup(&BALL_AND_SLAB, scalar);
-    let seen = setup.run(rig)?;
-    let to_light = -setup.view()?.light_frame().forward;
-    let error = |ambient: f64| {
-        largest(hits(&setup, &BALL_AND_SLAB).iter().map(|h| {
-            let facing = seen.normal_at(h.pixel).dot(to_light).max(0.0);
-            let light = facing + (1.0 - facing) * ambient;
-            let radiance = ALBEDO * seen.visibility.data()[h.pixel] * light;
-            (radiance.powf(1.0 / DISPLAY_GAMMA) - seen.shown.data()[h.pixel]).abs()
-        }))
-    };
-    let ambient = setup.scalar.ambient;
-    // A step of 8 bits, and normals of 16 bits.
-    Ok(Check::new(rig, "albedo × visibility × light: largest error of the picture")
-        .within((1.5 / 255.0, "1"), error(ambient))
-        .control("a tenth more ambient light", error(ambient * 1.1)))
+    let plain = [(0.3, 8), (0.5, 8), (0.75, 8), (0.5, 3), (0.5, 40)];
+    let hard = (0.5, 8, Stop::Threshold, Attenuation::Hard);
+    let thin = (0.5, 320, Stop::Isosurface, Attenuation::Linear);
+    let plain = plain.map(|(g, samples)| (g, samples, Stop::Threshold, Attenuation::Linear));
+    plain.into_iter().chain([hard, thin]).map(check).collect()
 }
