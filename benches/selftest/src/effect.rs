@@ -18,7 +18,7 @@ const SCENES: &str = "tank port specular engine ball planar_pool glass smoke cor
 /// Draws of settings of each pipeline and scene; the first are the defaults.
 const DRAWS: u32 = 4;
 /// No more frames are tried of a fault.
-const MAX_FRAMES: usize = 48;
+const MAX_FRAMES: usize = 24;
 /// As foreseen.
 const MAX_FRAME_S: f64 = 5.0;
 /// A change of an output: RMS as a share of its range; and a difference of so much of the range in so large a share of its values.
