@@ -34,6 +34,7 @@ struct ScalarPicture {
     visibility: Image,
     opacity: Image,
     distance_m: Image,
+    look_ups: Image,
     /// The displayed colour times [`COLOR_WEIGHTS`].
     shown: Image,
     /// Only of an isosurface.
@@ -67,6 +68,7 @@ impl ScalarPicture {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,
+            look_ups: channel(3)?,
             shown: Image::from_fn(size_px, |x, y| colors.get((x, y)).truncate().dot(COLOR_WEIGHTS)),
             normal: pass.normal.as_ref().map(axes).transpose()?,
         })

@@ -8,8 +8,9 @@ use fathom::harness::subject::{Subject, Subjects};
 use fathom::parameter;
 use fathom::pipelines::draw::{self, Random};
 use fathom::pipelines::{KINDS, PipelineKind};
+use fathom::scene::SceneFile;
 use itertools::Itertools;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::mutants::{Outcome, linked_files};
 
@@ -20,7 +21,7 @@ const DRAWS: u32 = 4;
 /// No more frames are tried of a fault.
 const MAX_FRAMES: usize = 24;
 /// As foreseen.
-const MAX_FRAME_S: f64 = 5.0;
+const MAX_FRAME_S: f64 = 1.0;
 /// A change of an output: RMS as a share of its range; and a difference of so much of the range in so large a share of its values.
 const MIN_RMS: f64 = 0.005;
 const MIN_DIFFERENCE: f64 = 0.02;
@@ -67,12 +68,17 @@ fn draw(
     scene: &str,
     seed: u32,
 ) -> Option<Subject> {
-    let mut tree = subjects.subject(kind.name, scene, &[]).ok()?.params;
+    let mut file = SceneFile::load(scene).ok()?;
+    for volume in file.volume.iter_mut().filter(|volume| volume.generator.is_some()) {
+        volume.cells = [40; 3];
+    }
+    let mut tree = (kind.defaults)(&file);
     for (path, size) in COMMON.split(' ').filter_map(|setting| setting.split_once('=')) {
         let size: Value = size.parse().ok()?;
-        let is_pair = parameter::get(&tree, path).is_some_and(Value::is_array);
+        let extents = parameter::get(&tree, path).and_then(Value::as_array).map(Vec::len);
+        let size = extents.map_or(size.clone(), |extents| vec![size; extents].into());
         // Not every pipeline has it.
-        let _ = parameter::set(&mut tree, path, if is_pair { json!([size, size]) } else { size });
+        let _ = parameter::set(&mut tree, path, size);
     }
     if seed > 0 {
         tree = draw::parameters(kind, tree, &mut Random::new(seed));

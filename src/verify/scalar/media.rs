@@ -18,6 +18,8 @@ pub fn cases() -> Vec<Case> {
         Case::new(DIRECT, "occlusion on a ramp of density", ramp),
         Case::new(POSITIONAL, "occlusion inside a homogeneous block", interior),
         Case::new(POSITIONAL, "occlusion inside an opaque block", opaque),
+        Case::new(DIRECT, "look-ups", |rig| look_ups(rig, Mode::Direct, 6)),
+        Case::new(POSITIONAL, "look-ups", |rig| look_ups(rig, Mode::Positional, 0)),
         Case::new(DIRECT, "rays of several passes", |rig| many_rays(rig, Mode::Direct)),
         Case::new(POSITIONAL, "rays of several passes", |rig| many_rays(rig, Mode::Positional)),
     ]
@@ -145,6 +147,26 @@ fn interior(rig: &Rig<'_>) -> Checks {
             .with("occlusion", a))
     };
     LAWS.into_iter().map(check).collect()
+}
+
+/// Of a view ray of one step in a homogeneous block: one each for the view and for what the rays of occlusion begin with, those of the gradient, and those of
+/// rays of which none leaves the block. In an empty one the view's alone.
+fn look_ups(rig: &Rig<'_>, mode: Mode, gradient: u32) -> Result<Check> {
+    const SAMPLES: u32 = 8;
+    let counted = |value: f64| -> Result<Image> {
+        let (volume, scalar) = (cubes(32, |_| value), marched(mode, Law::Beer, 1.2, SAMPLES));
+        let setup = Setup { volume, scalar, camera: probe(DVec3::ZERO), size_px: PROBE_PX };
+        Ok(setup.run(rig)?.look_ups)
+    };
+    let (block, empty) = (counted(BLOCK)?, counted(0.0)?);
+    let off = |rays: u32| {
+        let exact = f64::from(2 + gradient + rays * SAMPLES);
+        let of_block = block.data().iter().map(|count| (count - exact).abs());
+        largest(of_block.chain(empty.data().iter().map(|count| (count - 1.0).abs())))
+    };
+    Ok(Check::new(rig, "look-ups of a pixel: largest error")
+        .within((0.0, "1"), off(RAYS))
+        .control("one more ray", off(RAYS + 1)))
 }
 
 /// Rays end where less than 1/256 comes through. That makes A too small by no more.
