@@ -92,6 +92,7 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
         Check::new(rig, "largest occlusion of a plane by itself")
             .within((PLANE, "1"), most(&plane)?)
             .control("a wall stands on it", most(&corner)?),
+        behind_a_plate(rig)?,
     ];
     let exact = |hit: &Hit, r_max_m: f64, attenuation| {
         let on_floor = hit.normal.y > 0.5;
@@ -117,6 +118,24 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
     };
     let both = [("hard", Obscurity::Hard), ("linear", Obscurity::Linear)].into_iter();
     checks.into_iter().map(Ok).chain(both.map(check)).collect()
+}
+
+/// What lies out of reach does not block light, though it hides parts of the plane from the eye.
+fn behind_a_plate(rig: &Rig<'_>) -> Result<Check> {
+    let floor = quad([30.0, 0.0, 0.0], [0.0, 0.0, -30.0]);
+    let mut plate = quad([0.3, 0.0, 0.0], [0.0, 0.0, -0.3]);
+    plate.mesh.positions.iter_mut().for_each(|position| position[1] += 1.8);
+    let fixture = built(rig, camera([0.6, 3.0, 0.4], [0.0; 3]), vec![floor, plate])?;
+    let gbuffer = rig.gbuffer(&fixture)?;
+    let most = |r_max_m: f32| -> Result<f64> {
+        let settings = HorizonUniforms { r_max_m, ..dense() };
+        let found = shade(rig, &fixture, &gbuffer, &settings, Obscurity::Hard)?;
+        let is_floor = |at: &(u32, u32)| fixture.hit(*at).is_some_and(|hit| hit.object == 0);
+        Ok(largest(pixels(SIZE).filter(is_floor).map(|at| found.get(at))))
+    };
+    Ok(Check::new(rig, "a plate out of reach before a plane: largest occlusion of the plane")
+        .within((PLANE, "1"), most(1.0)?)
+        .control("within reach", most(2.5)?))
 }
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {

@@ -50,7 +50,9 @@ pub fn cases() -> Vec<Case> {
 
 /// What is skipped is empty: rays find the same, bit for bit, at any step, threshold and kind of march.
 fn skipping(rig: &Rig<'_>) -> Result<Check> {
-    let volume = pyramid(rig, SIDE, furnished)?;
+    // Of some sides a cell of the pyramid is a part of one.
+    let volumes = [0, 1, 2, 3].map(|more| pyramid(rig, SIDE + more, furnished));
+    let volumes = volumes.into_iter().collect::<Result<Vec<_>>>()?;
     let (mut random, mut differ) = (Random::new(17), [0.0; 2]);
     for number in 0..20 {
         let draw = [(); 8].map(|()| random.number());
@@ -67,7 +69,7 @@ fn skipping(rig: &Rig<'_>) -> Result<Check> {
         });
         let mut run = |skipping: bool, seed: u32| {
             (settings.skipping, settings.seed) = (skipping, seed);
-            query(rig, &volume, &furnished_points(), &settings)
+            query(rig, &volumes[number % 4], &furnished_points(), &settings)
         };
         let plain = run(false, 0)?;
         differ[0] += differing(&run(true, 0)?, &plain);
