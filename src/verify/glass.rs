@@ -19,6 +19,8 @@ pub fn cases() -> Vec<Case> {
 /// Distances ahead of the camera, half widths, opacities and greys.
 const PANES: [(f64, f64, f64, f64); 3] =
     [(2.0, 0.5, 0.3, 0.9), (4.0, 1.6, 0.6, 0.2), (3.0, 1.0, 0.5, 0.5)];
+/// Between the two faces of a pane.
+const BEHIND_M: f64 = 0.2;
 /// What hides panes beyond this depth.
 const WALL_M: f64 = 3.5;
 
@@ -28,7 +30,14 @@ fn objects(view: &View) -> Vec<Object> {
     let pane = |(number, &(distance, half, alpha, grey)): (usize, &(f64, f64, f64, f64))| {
         // Every second one shows its back.
         let across = if number % 2 == 0 { right } else { -right };
-        let mesh = Mesh::parallelogram(eye + ahead * distance, across * half, DVec3::Y * half);
+        let mut mesh = Mesh::parallelogram(eye + ahead * distance, across * half, DVec3::Y * half);
+        // Behind others there is a face that looks away and up: it comes later in the mesh and is drawn first.
+        let middle = eye + ahead * (distance + BEHIND_M);
+        let mut behind = Mesh::parallelogram(middle, -across * half, DVec3::Y * half);
+        behind.normals.fill((ahead + DVec3::Y).normalize().as_vec3().to_array());
+        if number % 2 == 0 {
+            mesh.append(&behind);
+        }
         let mut object = Object::new("pane", mesh);
         object.material.alpha = alpha as f32;
         object.material.albedo = [grey as f32; 3];
@@ -94,10 +103,13 @@ impl<'a> Blended<'a> {
         let camera = &self.view.camera;
         let (origin, direction, length_m) = self.rays.ray(x, y);
         let to_light = -self.view.light_frame().forward;
-        let met = self.tracers.iter().zip(&PANES).filter_map(|(tracer, &(.., alpha, grey))| {
-            let hit = tracer.cast(origin, direction, 0.0, length_m)?;
+        let faces = self.tracers.iter().zip(&PANES).flat_map(|pane| [0.0, 1.0].map(|n| (pane, n)));
+        let met = faces.filter_map(|((tracer, &(.., alpha, grey)), number)| {
+            let first_m = tracer.cast(origin, direction, 0.0, length_m)?.distance_m;
+            let hit = tracer.cast(origin, direction, number * (first_m + 1e-6), length_m)?;
             let depth_m = (hit.position - camera.position()).dot(camera.direction());
-            let lit = AMBIENT + hit.normal.dot(to_light).max(0.0);
+            let turned = -hit.shading_normal.dot(direction).signum();
+            let lit = AMBIENT + (turned * hit.shading_normal).dot(to_light).max(0.0);
             let radiance = f64::from(grey as f32) / PI * lit * self.view.irradiance();
             let shown = tone_mapped(radiance, EXPOSURE);
             (depth_m < self.wall_m).then_some((depth_m, f64::from(alpha as f32), shown))
