@@ -14,5 +14,5 @@ fn depth_at(depth: texture_depth_2d, pixel: vec2<f32>, size_px: vec2<f32>) -> f3
 // Texel of a buffer of `size_px` pixels behind a pixel of one of `own_px` pixels. Middles of pixels often fall on borders
 // of texels: the nudge sends all of them the same way, whatever the rounding.
 fn texel_behind(pixel: vec2<f32>, own_px: vec2<f32>, size_px: vec2<f32>) -> vec2<i32> {
-    return min(vec2<i32>(pixel * (size_px / own_px) + 1e-3), vec2<i32>(size_px) - 1);
+    return clamp(vec2<i32>(pixel * (size_px / own_px) + 1e-3), vec2(0), vec2<i32>(size_px) - 1);
 }
