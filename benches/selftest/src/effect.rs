@@ -55,9 +55,8 @@ pub fn of(own: &Gpu, changed: &Gpu, file: &str) -> Result<Outcome> {
 
 /// Whether a stage's shader is linked of a file: it bears the stage's name, which may end in an axis.
 fn holds(subject: &Subject, file: &str) -> Result<bool> {
-    let stages = subject.plan()?.stages;
-    let shaders = stages.iter().filter_map(|stage| stage.name.split('-').next());
-    Ok(shaders.into_iter().any(|shader| linked_files(shader).contains(file)))
+    let mut shaders = subject.plan()?.stages.into_iter().map(|stage| stage.name.split('-').next());
+    Ok(shaders.any(|shader| shader.is_some_and(|shader| linked_files(shader).contains(file))))
 }
 
 /// A pipeline with small frames, at its defaults (seed 0) or at drawn settings; none where it cannot be built.
@@ -132,16 +131,11 @@ fn change(before: &[f32], after: &[f32]) -> Option<String> {
             let difference = (f64::from(*a) - f64::from(*b)).abs() / range.max(1e-30);
             if difference.is_finite() { difference.min(1.0) } else { 1.0 }
         });
-    let differences: Vec<f64> = differences.collect();
+    let differences = differences.collect::<Vec<f64>>();
     let count = before.len().max(1) as f64;
     let rms = (differences.iter().map(|d| d * d).sum::<f64>() / count).sqrt();
     let share = differences.iter().filter(|d| **d >= MIN_DIFFERENCE).count() as f64 / count;
     let differs = rms > MIN_RMS || share > MIN_SHARE;
-    differs.then(|| {
-        format!(
-            "RMS {:.2} % of its range, {:.1} % of values by 2 % or more",
-            100.0 * rms,
-            100.0 * share
-        )
-    })
+    let [rms, share] = [rms, share].map(|part| 100.0 * part);
+    differs.then(|| format!("RMS {rms:.2} % of its range, {share:.1} % of values by 2 % or more"))
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use fathom::embedded::{Folder, Folders, SHADERS};
 use fathom::gpu::{Gpu, GpuError, Options, link, shader_paths};
@@ -103,9 +103,9 @@ fn with_folder(folder: &Option<PathBuf>) -> Folders {
     }
 }
 
-fn open(adapter: Option<&String>, shaders: Folders) -> Result<Gpu, GpuError> {
-    let adapter = adapter.cloned();
-    Gpu::open(&Options { adapter, shaders: Some(shaders), ..Options::default() })
+fn open(adapter: &Option<String>, shaders: Folders) -> Result<Gpu, GpuError> {
+    let (adapter, shaders) = (adapter.clone(), Some(shaders));
+    Gpu::open(&Options { adapter, shaders, ..Options::default() })
 }
 
 /// The files that a shader is linked of, as paths without their endings.
@@ -127,11 +127,10 @@ pub fn work(args: &WorkerArgs) -> Result<()> {
     let shaders = with_folder(&args.shaders);
     let answer = match (&args.effect, args.cases.is_empty()) {
         (Some(file), _) => {
-            let gpus = [own_shaders(), shaders].map(|from| open(args.adapter.as_ref(), from));
-            let [own, changed] = gpus;
+            let [own, changed] = [own_shaders(), shaders].map(|from| open(&args.adapter, from));
             serde_json::to_string(&effect::of(&own?, &changed?, file)?)?
         }
-        (None, true) => serde_json::to_string(&profile(args.adapter.as_ref())?)?,
+        (None, true) => serde_json::to_string(&profile(&args.adapter)?)?,
         (None, false) => serde_json::to_string(&first_failure(args, shaders)?)?,
     };
     print::answer(answer);
@@ -139,7 +138,7 @@ pub fn work(args: &WorkerArgs) -> Result<()> {
 }
 
 /// Each case on a device of its own, so that it links its shaders itself.
-fn profile(adapter: Option<&String>) -> Result<Vec<CaseProfile>> {
+fn profile(adapter: &Option<String>) -> Result<Vec<CaseProfile>> {
     let measure = |case: &Case| {
         let gpu = open(adapter, own_shaders())?;
         let begin = Instant::now();
@@ -154,7 +153,7 @@ fn profile(adapter: Option<&String>) -> Result<Vec<CaseProfile>> {
 
 /// The check that is the first to fail, its error, or that all pass.
 fn first_failure(args: &WorkerArgs, shaders: Folders) -> Result<Outcome> {
-    let (all, gpu) = (cases(), open(args.adapter.as_ref(), shaders)?);
+    let (all, gpu) = (cases(), open(&args.adapter, shaders)?);
     for number in &args.cases {
         let case = &all[*number];
         let verified = match verify(&gpu, std::slice::from_ref(case), None, |_| ()) {
@@ -247,8 +246,11 @@ fn load_profiles(args: &MutantArgs) -> Result<Vec<CaseProfile>> {
     if !path.is_file() {
         std::fs::write(&path, answer(args, &[])?)?;
     }
-    serde_json::from_str(&std::fs::read_to_string(&path)?)
-        .context("profile.json: remove it to measure anew")
+    let text = std::fs::read_to_string(&path)?;
+    let known: Vec<CaseProfile> = serde_json::from_str(&text).unwrap_or_default();
+    let is_same = cases().iter().map(|case| case.stage).eq(known.iter().map(|case| &case.stage));
+    ensure!(is_same, "{} is of other checks: remove it to measure anew", path.display());
+    Ok(known)
 }
 
 /// What a process of these arguments says.
@@ -266,11 +268,12 @@ fn try_fault(
     (fault, changed): (&Fault, &str),
 ) -> Result<Outcome> {
     let folder = folder_with(fault, changed)?;
-    let say = |more: [String; 2]| {
+    // A process that fails or does not end is one of `fathom verify`, or an effect that no check has found.
+    let say = |more: [String; 2], failed: fn(String) -> Outcome| {
         let shaders = ["--shaders".to_owned(), folder.path().display().to_string()];
         match answer(args, &[shaders, more].concat()) {
             Err(ProcessError::Interrupted) => Err(ProcessError::Interrupted.into()),
-            Err(error) => Ok(Outcome::Found(format!("the process: {error}"))),
+            Err(error) => Ok(failed(format!("the process: {error}"))),
             Ok(answer) => Ok::<_, anyhow::Error>(serde_json::from_str(&answer)?),
         }
     };
@@ -281,12 +284,12 @@ fn try_fault(
     });
     let order = order.map(|(number, _)| number).join(",");
     if !order.is_empty() {
-        let outcome = say(["--cases".to_owned(), order])?;
+        let outcome = say(["--cases".to_owned(), order], Outcome::Found)?;
         if outcome != Outcome::Survived(PASSED.to_owned()) {
             return Ok(outcome);
         }
     }
-    say(["--effect".to_owned(), fault.file.clone()])
+    say(["--effect".to_owned(), fault.file.clone()], Outcome::Survived)
 }
 
 /// Counts, and a row for each fault that was not found; and the share found of those that change an output.
