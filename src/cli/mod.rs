@@ -150,7 +150,7 @@ pub enum Command {
     },
     /// Render one frame of a scene, or a published figure, as PNG files
     Render(RenderArgs),
-    /// Write a stage's outputs as .npy files with descriptions
+    /// Write a stage's outputs as .npy files with descriptions (docs/dumps.md)
     Dump(DumpArgs),
     /// Write the reports of a run or a comparison again, from its records alone; or one page of several
     Report {

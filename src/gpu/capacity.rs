@@ -171,7 +171,8 @@ mod tests {
 
     #[test]
     fn memory_beyond_the_budget_names_the_largest_part_and_what_to_do() {
-        let demand = Demand::new()
+        let mut demand = Demand::new();
+        demand
             .holds("shadow.size", 1 << 30)
             .holds("view.width × view.height", 2 << 30)
             .copies("view.width × view.height", 2 << 30);
@@ -183,16 +184,16 @@ mod tests {
         );
         let limits_alone = Capacity::from(wgpu::Limits::default());
         assert_eq!(limits_alone.check(&demand), Ok(()));
-        assert_eq!(software().check(&Demand::new().holds("a", 4 << 30)), Ok(()));
-        let endless = Demand::new().holds("a", u64::MAX).copies("a", u64::MAX);
-        assert!(software().check(&endless).is_err());
+        assert_eq!(software().check(Demand::new().holds("a", 4 << 30)), Ok(()));
+        let mut endless = Demand::new();
+        assert!(software().check(endless.holds("a", u64::MAX).copies("a", u64::MAX)).is_err());
     }
 
     #[test]
     fn a_frame_of_minutes_is_foreseen() {
         let fetches = |texel_fetches| Work { texel_fetches, ..Work::default() };
-        let demand =
-            Demand::new().takes("ao.rays", fetches(60_000_000_000)).takes("filter", fetches(1_000));
+        let mut demand = Demand::new();
+        demand.takes("ao.rays", fetches(60_000_000_000)).takes("filter", fetches(1_000));
         let message = software().check(&demand).unwrap_err();
         assert_eq!(
             message,
@@ -201,7 +202,7 @@ mod tests {
         );
         let many_cores = Capacity { threads: 64, ..software() };
         assert_eq!(many_cores.check(&demand), Ok(()));
-        let more = Demand::new().takes("ao.rays", fetches(1_000_000_000));
-        assert_eq!(software().check(&more), Ok(()));
+        let mut more = Demand::new();
+        assert_eq!(software().check(more.takes("ao.rays", fetches(1_000_000_000))), Ok(()));
     }
 }

@@ -25,6 +25,9 @@ struct Need {
     requested: u64,
 }
 
+/// A limit that fathom sets for all adapters.
+const LOOP_ITERATIONS: &str = "loop iterations in an invocation";
+
 /// A limit as wgpu names it.
 macro_rules! limit {
     ($name:ident) => {
@@ -38,88 +41,88 @@ impl Demand {
     }
 
     fn need(
-        mut self,
+        &mut self,
         (limit, allowed): (&'static str, fn(&Capacity) -> u64),
         what: &str,
         requested: u64,
-    ) -> Self {
+    ) -> &mut Self {
         self.needs.push(Need { limit, allowed, what: what.to_owned(), requested });
         self
     }
 
     /// A two-dimensional texture of this size in texels.
-    pub fn texture_2d(self, what: &str, width: u64, height: u64) -> Self {
+    pub fn texture_2d(&mut self, what: &str, width: u64, height: u64) -> &mut Self {
         self.need(limit!(max_texture_dimension_2d), what, width.max(height))
     }
 
     /// A volume texture of this size in texels.
-    pub fn texture_3d(self, what: &str, size: [u64; 3]) -> Self {
+    pub fn texture_3d(&mut self, what: &str, size: [u64; 3]) -> &mut Self {
         let longest = size.into_iter().max().unwrap_or(0);
         self.need(limit!(max_texture_dimension_3d), what, longest)
     }
 
     /// A buffer that is never bound whole as storage (vertices, indices, staging), in bytes.
-    pub fn buffer(self, what: &str, bytes: u64) -> Self {
+    pub fn buffer(&mut self, what: &str, bytes: u64) -> &mut Self {
         self.need(limit!(max_buffer_size), what, bytes)
     }
 
     /// A buffer bound whole as storage, in bytes.
-    pub fn storage(self, what: &str, bytes: u64) -> Self {
+    pub fn storage(&mut self, what: &str, bytes: u64) -> &mut Self {
         self.buffer(what, bytes).need(limit!(max_storage_buffer_binding_size), what, bytes)
     }
 
     /// A uniform buffer, in bytes.
-    pub fn uniform(self, what: &str, bytes: u64) -> Self {
+    pub fn uniform(&mut self, what: &str, bytes: u64) -> &mut Self {
         self.buffer(what, bytes).need(limit!(max_uniform_buffer_binding_size), what, bytes)
     }
 
     /// Things that shaders index, such as voxels. Shaders count in 32 bits on any adapter.
-    pub fn indexed(self, what: &str, count: u64) -> Self {
+    pub fn indexed(&mut self, what: &str, count: u64) -> &mut Self {
         self.need(("indices of 32 bits", |_| u32::MAX.into()), what, count)
     }
 
-    /// Shaders whose invocations make so many turns of their loops. See [`MAX_ITERATIONS`], the least of all adapters.
-    pub fn iterations(self, what: &str, count: u64) -> Self {
-        self.need(("turns of loops in an invocation", |_| MAX_ITERATIONS), what, count)
+    /// Shaders whose invocations make so many iterations of their loops: see [`MAX_ITERATIONS`].
+    pub fn iterations(&mut self, what: &str, count: u64) -> &mut Self {
+        self.need((LOOP_ITERATIONS, |_| MAX_ITERATIONS), what, count)
     }
 
     /// A dispatch of this many workgroups in each dimension.
-    pub fn dispatch(self, what: &str, groups: [u64; 3]) -> Self {
+    pub fn dispatch(&mut self, what: &str, groups: [u64; 3]) -> &mut Self {
         let most = groups.into_iter().max().unwrap_or(0);
         self.need(limit!(max_compute_workgroups_per_dimension), what, most)
     }
 
     /// A render pass with this many colour targets, of so many bytes per sample together.
-    pub fn color_targets(self, what: &str, count: u64, bytes_per_sample: u64) -> Self {
-        let this = self.need(limit!(max_color_attachments), what, count);
-        this.need(limit!(max_color_attachment_bytes_per_sample), what, bytes_per_sample)
+    pub fn color_targets(&mut self, what: &str, count: u64, bytes_per_sample: u64) -> &mut Self {
+        self.need(limit!(max_color_attachments), what, count);
+        self.need(limit!(max_color_attachment_bytes_per_sample), what, bytes_per_sample)
     }
 
     /// A shader that binds so many storage buffers.
-    pub fn storage_buffers(self, what: &str, count: u64) -> Self {
+    pub fn storage_buffers(&mut self, what: &str, count: u64) -> &mut Self {
         self.need(limit!(max_storage_buffers_per_shader_stage), what, count)
     }
 
     /// A stage whose fragment shader writes storage.
-    pub fn fragment_writes(self, what: &str) -> Self {
+    pub fn fragment_writes(&mut self, what: &str) -> &mut Self {
         let allowed = |of: &Capacity| u64::from(!of.read_only_fragments);
         self.need(("storage that fragment shaders write", allowed), what, 1)
     }
 
     /// Textures and buffers of the pipeline take so many bytes.
-    pub fn holds(mut self, what: &str, bytes: u64) -> Self {
+    pub fn holds(&mut self, what: &str, bytes: u64) -> &mut Self {
         self.allocated.push((what.to_owned(), bytes));
         self
     }
 
     /// The host takes so many bytes to make or read back what the pipeline holds.
-    pub fn copies(mut self, what: &str, bytes: u64) -> Self {
+    pub fn copies(&mut self, what: &str, bytes: u64) -> &mut Self {
         self.copied.push((what.to_owned(), bytes));
         self
     }
 
     /// Each frame does this work.
-    pub fn takes(mut self, what: &str, work: Work) -> Self {
+    pub fn takes(&mut self, what: &str, work: Work) -> &mut Self {
         self.work.push((what.to_owned(), work));
         self
     }
@@ -145,23 +148,14 @@ impl Demand {
         &self.work
     }
 
-    pub fn merge(mut self, other: Demand) -> Self {
-        self.needs.extend(other.needs);
-        self.allocated.extend(other.allocated);
-        self.copied.extend(other.copied);
-        self.work.extend(other.work);
-        self
-    }
-
     /// The first demand that the limits of `capacity` do not meet, as a sentence with the limit's name, what was asked
     /// and what is allowed.
     pub fn check(&self, capacity: &Capacity) -> Result<(), String> {
         for Need { limit, allowed, what, requested } in &self.needs {
             let allowed = allowed(capacity);
             if *requested > allowed {
-                return Err(format!(
-                    "{what}: asks {requested} of {limit}, the adapter allows {allowed}"
-                ));
+                let by = if *limit == LOOP_ITERATIONS { "fathom" } else { "the adapter" };
+                return Err(format!("{what}: asks {requested} of {limit}, {by} allows {allowed}"));
             }
         }
         Ok(())
@@ -186,7 +180,8 @@ mod tests {
     #[test]
     fn a_demand_beyond_a_limit_names_it_with_both_figures() {
         let limits = Capacity::default();
-        let demand = Demand::new().texture_2d("view", 800, 600).texture_2d("light map", 9000, 16);
+        let mut demand = Demand::new();
+        demand.texture_2d("view", 800, 600).texture_2d("light map", 9000, 16);
         let message = demand.check(&limits).unwrap_err();
         assert_eq!(
             message,
@@ -199,10 +194,11 @@ mod tests {
         let capacity = Capacity::default();
         let limits = &capacity.limits;
         let groups = u64::from(limits.max_compute_workgroups_per_dimension);
-        let demand = Demand::new()
+        let mut demand = Demand::new();
+        demand
             .storage("photons", limits.max_storage_buffer_binding_size)
             .dispatch("trace", [groups, 1, 1])
-            .merge(Demand::new().uniform("frame", limits.max_uniform_buffer_binding_size));
+            .uniform("frame", limits.max_uniform_buffer_binding_size);
         assert_eq!(demand.check(&capacity), Ok(()));
         assert!(Demand::new().dispatch("trace", [1, groups + 1, 1]).check(&capacity).is_err());
         assert!(Demand::new().indexed("voxels", 1 << 32).check(&capacity).is_err());

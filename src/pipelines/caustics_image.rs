@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use super::occlusion::signed_color;
 use super::settings::Animation;
-use super::{ErrorPicture, Errors, Judge, JudgeError, ReferenceCache};
+use super::{ErrorPicture, Errors, Judge, JudgeError};
 use fathom_base::statistics::median;
 use fathom_gpu::Pixels;
 use fathom_record::{ErrorSpan, PictureScale};
@@ -165,19 +165,16 @@ fn map(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Rc<
     let asked = (&frame, light, water, camera, view.aspect(), (size, block_px, columns));
     let content = judge.question("photon map", &asked);
     let scene = judge.scene;
-    judge.references.answer(content.clone(), |references| {
-        let ReferenceCache { answers, geometry, .. } = references;
-        answers.answer(content, || {
-            let lighting = Lighting {
-                frame: &frame,
-                intensity_w_sr: light.intensity_w_sr,
-                water,
-                tracer: &geometry.tracer(scene, &Animation::default()),
-                camera,
-                aspect: view.aspect(),
-            };
-            PhotonMap::new(&lighting, size, columns).downsample(block_px)
-        })
+    judge.references.kept_answer(content, |geometry| {
+        let lighting = Lighting {
+            frame: &frame,
+            intensity_w_sr: light.intensity_w_sr,
+            water,
+            tracer: &geometry.tracer(scene, &Animation::default()),
+            camera,
+            aspect: view.aspect(),
+        };
+        PhotonMap::new(&lighting, size, columns).downsample(block_px)
     })
 }
 

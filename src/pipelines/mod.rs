@@ -251,6 +251,25 @@ fn share(count: usize, of: usize) -> f64 {
     count as f64 / of.max(1) as f64
 }
 
+/// By name, of how many how many are so.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Rates(BTreeMap<&'static str, [usize; 2]>);
+
+impl Rates {
+    fn count(&mut self, rate: &'static str, is_so: impl IntoIterator<Item = bool>) {
+        let [some, all] = self.0.entry(rate).or_default();
+        for is_so in is_so {
+            *some += usize::from(is_so);
+            *all += 1;
+        }
+    }
+
+    fn rate(&self, rate: &'static str) -> f64 {
+        let [some, all] = self.0.get(rate).copied().unwrap_or_default();
+        share(some, all)
+    }
+}
+
 /// A step through so many photons or pixels that leaves `most` of them to compare with a reference: odd, so that it meets every
 /// sub-photon of a cell and not always the same column.
 fn even_step(count: usize, most: usize) -> usize {
@@ -295,6 +314,17 @@ impl ReferenceCache {
             let answer = Rc::new(compute(self));
             self.known.insert(key, answer.clone());
             answer
+        })
+    }
+
+    /// The same; the answer is also kept for later runs with the same code of the references.
+    fn kept_answer<T: Serialize + DeserializeOwned + 'static>(
+        &mut self,
+        content: AnswerKey,
+        compute: impl FnOnce(&mut occlusion::GeometryCache) -> T,
+    ) -> Rc<T> {
+        self.answer(content.clone(), |Self { answers, geometry, .. }| {
+            answers.answer(content, || compute(geometry))
         })
     }
 
@@ -506,16 +536,17 @@ const CELL_FETCHES: u64 = 160;
 
 /// What making a scene needs, from its file alone: the cells of a generated volume.
 pub fn scene_demand(file: &SceneFile) -> Demand {
-    let generated = file.volume.iter().filter(|v| v.generator.is_some());
-    generated.fold(Demand::new(), |demand, volume| {
+    let mut demand = Demand::new();
+    for volume in file.volume.iter().filter(|v| v.generator.is_some()) {
         let cells = volume.cells.map(|n| u64::from(n.div_ceil(volume.reduce.max(1))));
         let count = cells.iter().product::<u64>();
         let work = Work { texel_fetches: count * CELL_FETCHES, ..Work::default() };
         demand
             .texture_3d("volume.cells", cells)
             .copies("volume.cells", count * CELL_HOST_BYTES)
-            .takes("volume.cells", work)
-    })
+            .takes("volume.cells", work);
+    }
+    demand
 }
 
 /// The scene with as few cells as a volume can have.

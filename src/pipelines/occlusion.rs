@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation};
-use super::{ErrorPicture, Errors, Judge, JudgeError, ReferenceCache};
+use super::{ErrorPicture, Errors, Judge, JudgeError};
 use fathom_gpu::{Pixels, read_texture};
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::cache::AnswerKey;
@@ -148,12 +148,9 @@ impl OcclusionBuffers {
         let of_texels = |all: AnswerKey, one: &Pixels| all.with(bytemuck::cast_slice(&one.data));
         let content = [&depth, &normal].into_iter().fold(content, of_texels);
         let scene = judge.scene;
-        let points = judge.references.answer(content.clone(), |references| {
-            let ReferenceCache { answers, geometry, .. } = references;
-            answers.answer(content, || {
-                let tracer = geometry.tracer(scene, &question.animation);
-                cast(&question, &tracer, (&depth, &normal), most, rays)
-            })
+        let points = judge.references.kept_answer(content, |geometry| {
+            let tracer = geometry.tracer(scene, &question.animation);
+            cast(&question, &tracer, (&depth, &normal), most, rays)
         });
         if points.is_empty() {
             return Err(JudgeError::Nothing);

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::{PhotonTracing, under_water};
 use crate::caustics_image::{CausticsPair, FrameCaustics, channel};
 use crate::off_frustum::Frustum;
-use crate::{Errors, Judge, JudgeError, PipelineInstance};
+use crate::{Errors, Judge, JudgeError, PipelineInstance, Rates};
 use crate::{exact_answers, judged_view, objects_of, share, to_map};
 use fathom_gpu::{Gpu, GpuError, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
@@ -60,52 +60,38 @@ struct Tally {
     specular_errors_m: Vec<f64>,
     /// The same of their ways under water.
     path_errors_m: Vec<f64>,
-    /// Of how many how many are so, by the rate that it gives.
-    counts: BTreeMap<&'static str, [usize; 2]>,
+    rates: Rates,
 }
 
 impl Tally {
-    fn count(&mut self, rate: &'static str, is_so: impl IntoIterator<Item = bool>) {
-        let [some, all] = self.counts.entry(rate).or_default();
-        for is_so in is_so {
-            *some += usize::from(is_so);
-            *all += 1;
-        }
-    }
-
-    fn rate(&self, rate: &'static str) -> f64 {
-        let [some, all] = self.counts.get(rate).copied().unwrap_or_default();
-        share(some, all)
-    }
-
     /// `found` is all that a photon lights: its end, or the first intersections of its ray.
     fn add(&mut self, found: &[Photon], exact: &ExactEnd, wrong_m: f64) {
         let ExactEnd { in_view, position, .. } = *exact;
         let landed = found[0].has_landed();
-        self.count("photon_off_frustum_rate", [!in_view]);
-        self.count("photon_false_hit_rate", [landed && !in_view]);
-        self.count("caustics_photon_miss_rate", [!landed || !in_view]);
-        self.count("caustics_photon_kept_out_rate", [exact.kept_out]);
+        self.rates.count("photon_off_frustum_rate", [!in_view]);
+        self.rates.count("photon_false_hit_rate", [landed && !in_view]);
+        self.rates.count("caustics_photon_miss_rate", [!landed || !in_view]);
+        self.rates.count("caustics_photon_kept_out_rate", [exact.kept_out]);
         if !in_view {
             return;
         }
-        self.count("photon_miss_rate", [!landed]);
-        self.count("photon_occluded_rate", [exact.occluder]);
-        self.count("photon_specular_rate", [exact.specular]);
+        self.rates.count("photon_miss_rate", [!landed]);
+        self.rates.count("photon_occluded_rate", [exact.occluder]);
+        self.rates.count("photon_specular_rate", [exact.specular]);
         if exact.occluder {
             let way_m = |end: DVec3| end.distance(found[0].entry());
             let behind = |hit: &Photon| way_m(hit.hit()) > way_m(position) + wrong_m;
-            self.count(
+            self.rates.count(
                 "photon_passed_rate",
                 [found.iter().any(|hit| hit.has_landed() && behind(hit))],
             );
         }
         if exact.specular {
-            self.count("photon_specular_miss_rate", [!landed]);
+            self.rates.count("photon_specular_miss_rate", [!landed]);
         }
         if landed {
             let error_m = found[0].hit().distance(position);
-            self.count("photon_wrong_surface_rate", [error_m > wrong_m]);
+            self.rates.count("photon_wrong_surface_rate", [error_m > wrong_m]);
             self.errors_m.push(error_m);
             if exact.specular {
                 self.specular_errors_m.push(error_m);
@@ -120,9 +106,9 @@ impl Tally {
             found.iter().filter(|hit| hit.has_landed()).map(|hit| hit.hit()).collect();
         let is_far =
             |from: &[DVec3], place: DVec3| from.iter().all(|p| p.distance(place) > wrong_m);
-        self.count("photons_full_rate", [lit.len() == found.len()]);
-        self.count("intersections_lost_rate", along.iter().map(|place| is_far(&lit, *place)));
-        self.count("intersections_false_rate", lit.iter().map(|place| is_far(along, *place)));
+        self.rates.count("photons_full_rate", [lit.len() == found.len()]);
+        self.rates.count("intersections_lost_rate", along.iter().map(|place| is_far(&lit, *place)));
+        self.rates.count("intersections_false_rate", lit.iter().map(|place| is_far(along, *place)));
     }
 }
 
@@ -174,7 +160,7 @@ impl PhotonTracing {
         let mut ends = self.ends(&self.photons.read(judge.gpu)?, judge);
         let median_m = quantile(&mut ends.errors_m, 0.5);
         let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
-        let errors = of_all.map(|rate| (rate, ends.rate(rate), "1"));
+        let errors = of_all.map(|rate| (rate, ends.rates.rate(rate), "1"));
         let distances = [
             ("photon_error_median_m", median_m, "m"),
             ("photon_error_p99_m", quantile(&mut ends.errors_m, 0.99), "m"),
@@ -182,7 +168,7 @@ impl PhotonTracing {
         ];
         let along = ["photons_full_rate", "intersections_lost_rate", "intersections_false_rate"];
         let along = along.into_iter().filter(|_| self.photons.per_ray > 1);
-        let rates = QUANTITIES.into_iter().chain(along).map(|rate| (rate, ends.rate(rate)));
+        let rates = QUANTITIES.into_iter().chain(along).map(|rate| (rate, ends.rates.rate(rate)));
         let stage = self.params.rays.method.info().name;
         let mut judged = Errors::new(stage, errors.into_iter().chain(distances), rates);
         if !ends.specular_errors_m.is_empty() {
@@ -242,7 +228,7 @@ impl PhotonTracing {
             ends.add_along(hits, &exact.along, wrong_m);
             if exact.kept_out {
                 let leaks = |hit| frustum.is_leak(hit, exact.position);
-                ends.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);
+                ends.rates.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);
             }
         }
         ends
@@ -294,6 +280,6 @@ mod tests {
             ("photon_wrong_surface_rate", [3, 4]),
             ("photons_full_rate", [0, 1]),
         ];
-        assert_eq!(ends.counts, BTreeMap::from(counts));
+        assert_eq!(ends.rates.0, BTreeMap::from(counts));
     }
 }

@@ -19,8 +19,6 @@ const REACHED: f64 = 2.5e-4;
 const BELOW: f64 = 1e-3;
 /// Share of the scene's size that counts as the depth of a shallower one.
 const MIN_DEPTH: f64 = 0.1;
-/// Turns of loops after which lavapipe ends an invocation.
-const MAX_ITERATIONS: u32 = 65_535;
 
 /// The photon-grid part that caustics and godrays share.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,14 +93,6 @@ impl GridSettings {
             return Err(ParamError::Unfit(format!(
                 "{name}.grid² × {name}.subdivision is {}: more photons than can be indexed",
                 self.photons()
-            )));
-        }
-        // Those chosen are few.
-        let iterations = self.subdivision * self.estimator.min_iterations(self.iterations.max(8));
-        if iterations > MAX_ITERATIONS {
-            return Err(ParamError::Unfit(format!(
-                "{name}.subdivision × {name}.iterations is too much for one invocation: {iterations} turns of loops, and lavapipe ends \
-                 an invocation after {MAX_ITERATIONS}"
             )));
         }
         Ok(())

@@ -5,38 +5,14 @@ use std::collections::BTreeMap;
 use super::{GridSettings, Underwater};
 use crate::off_frustum::Frustum;
 use crate::settings::Animation;
-use crate::{Errors, Judge, JudgeError, even_step, judged_view, share};
+use crate::{Errors, Judge, JudgeError, Rates, even_step, judged_view};
 use fathom_record::ErrorFigure;
-use fathom_reference::photons::{Landing, PhotonGrid as ExactGrid, land_all};
+use fathom_reference::photons::{PhotonGrid as ExactGrid, land_all};
 use fathom_reference::quantities::quantile;
 use fathom_stages::photon::{self, Fate, Photon, Photons};
 
 /// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
 const MAX_PHOTONS: usize = 10_000;
-
-/// Photons held against exact ones.
-#[derive(Default)]
-struct Found {
-    /// Of those that land by both: distance from where they land exactly, metres.
-    errors_m: Vec<f64>,
-    /// Land exactly, lost on the GPU.
-    missed: usize,
-    /// Land on the GPU, not exactly.
-    false_hits: usize,
-}
-
-impl Found {
-    fn add(&mut self, photon: &Photon, exact: &Landing) {
-        match (photon.has_landed(), exact.landed()) {
-            (true, Some(landed)) => {
-                self.errors_m.push(photon.hit().distance(landed.hit.position));
-            }
-            (false, Some(_)) => self.missed += 1,
-            (true, None) => self.false_hits += 1,
-            (false, None) => {}
-        }
-    }
-}
 
 impl Underwater {
     /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
@@ -63,21 +39,24 @@ impl Underwater {
             let content = judge.question("landings", &(&frame, &view.water, grid, step));
             let land = |_: &mut _| land_all(&frame, &view.water, &tracer, grid, step);
             let landings = judge.references.answer(content, land);
-            let mut found = Found::default();
-            judged.iter().zip(&*landings).for_each(|(photon, exact)| found.add(photon, exact));
-            let exact = landings.iter().map(|exact| exact.landed());
-            let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
-            let kept_out =
-                pairs.filter(|(_, at)| frustum.is_hidden_entry(&tracer, &at.hit, at.direction));
-            let leaks: Vec<bool> =
-                kept_out.map(|(p, at)| frustum.is_leak(p, at.hit.position)).collect();
-            let leaked = leaks.iter().filter(|leaks| **leaks).count();
-            quantities.insert(format!("{name}_photon_leak_rate"), share(leaked, leaks.len()));
+            let (mut errors_m, mut rates) = (Vec::new(), Rates::default());
+            for (photon, exact) in judged.iter().zip(&*landings) {
+                let (found, exact) = (photon.has_landed(), exact.landed());
+                rates.count("photon_false_hit_rate", [found && exact.is_none()]);
+                let Some(exact) = exact else { continue };
+                rates.count("photon_miss_rate", [!found]);
+                errors_m.extend(found.then(|| photon.hit().distance(exact.hit.position)));
+                if frustum.is_hidden_entry(&tracer, &exact.hit, exact.direction) {
+                    rates.count("photon_leak_rate", [frustum.is_leak(photon, exact.hit.position)]);
+                }
+            }
+            quantities.insert(format!("{name}_photon_leak_rate"), rates.rate("photon_leak_rate"));
+            let [misses, false_hits] = ["photon_miss_rate", "photon_false_hit_rate"];
             let figures = [
-                ("photon_error_median_m", quantile(&mut found.errors_m, 0.5), "m"),
-                ("photon_error_p99_m", quantile(&mut found.errors_m, 0.99), "m"),
-                ("photon_miss_rate", share(found.missed, found.missed + found.errors_m.len()), "1"),
-                ("photon_false_hit_rate", share(found.false_hits, judged.len()), "1"),
+                ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
+                ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
+                (misses, rates.rate(misses), "1"),
+                (false_hits, rates.rate(false_hits), "1"),
                 ("unconverged_rate", unconverged_rate, "1"),
             ];
             errors.extend(figures.map(|(figure, value, unit)| {

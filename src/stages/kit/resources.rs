@@ -138,10 +138,8 @@ impl<'g> Resources<'g> {
     }
 
     /// Adds to the account, under the parameters that give the size, or under the label.
-    fn note(&self, label: &str, add: impl FnOnce(Demand, &str) -> Demand) {
-        let mut account = self.account.borrow_mut();
-        let what = self.sized_by.as_deref().unwrap_or(label);
-        account.demand = add(std::mem::take(&mut account.demand), what);
+    fn note(&self, label: &str, add: impl for<'d> FnOnce(&'d mut Demand, &str) -> &'d mut Demand) {
+        add(&mut self.account.borrow_mut().demand, self.sized_by.as_deref().unwrap_or(label));
     }
 
     /// The host needs this many bytes to make these resources or to read them back.
@@ -156,8 +154,7 @@ impl<'g> Resources<'g> {
 
     /// An invocation makes so many turns of its loops at most, those that find a loop's end included. The label names what gives them.
     pub fn iterations(&self, label: &str, count: u64) {
-        let mut account = self.account.borrow_mut();
-        account.demand = std::mem::take(&mut account.demand).iterations(label, count);
+        self.account.borrow_mut().demand.iterations(label, count);
     }
 
     /// A stage's fragment shader writes storage, which not every adapter lets it do.
@@ -172,17 +169,15 @@ impl<'g> Resources<'g> {
     /// The message names the shader: no parameter changes what it binds.
     pub(super) fn binds(&self, shader: &str, groups: &[&Bindings]) {
         let count = groups.iter().map(|group| group.storage_buffers()).sum();
-        let mut account = self.account.borrow_mut();
-        account.demand = std::mem::take(&mut account.demand).storage_buffers(shader, count);
+        self.account.borrow_mut().demand.storage_buffers(shader, count);
     }
 
     pub(super) fn color_targets(&self, label: &str, formats: &[wgpu::TextureFormat]) {
         let bytes = formats.iter().map(|f| u64::from(f.target_pixel_byte_cost().unwrap_or(16)));
         let bytes: u64 = bytes.sum();
         // The message names the stage, because no parameter changes this.
-        let mut account = self.account.borrow_mut();
-        let demand = std::mem::take(&mut account.demand);
-        account.demand = demand.color_targets(label, formats.len() as u64, bytes);
+        let demand = &mut self.account.borrow_mut().demand;
+        demand.color_targets(label, formats.len() as u64, bytes);
     }
 
     /// A texture that passes draw into, shaders read, and the host can read back.
@@ -273,7 +268,7 @@ impl<'g> Resources<'g> {
             view_formats: &[],
         });
         self.note(label, |demand, what| {
-            let demand = self.holding(demand, what, texture_bytes(&texture));
+            let demand = self.hold(demand, what, texture_bytes(&texture));
             match dimension {
                 wgpu::TextureDimension::D3 => demand.texture_3d(what, [width, height, depth]),
                 _ => demand.texture_2d(what, width, height),
@@ -404,13 +399,13 @@ impl<'g> Resources<'g> {
         Buffer { raw: self.gpu.device.create_buffer(&descriptor), bytes, layout: None }
     }
 
-    fn holding(&self, demand: Demand, what: &str, bytes: u64) -> Demand {
+    fn hold<'d>(&self, demand: &'d mut Demand, what: &str, bytes: u64) -> &'d mut Demand {
         if self.for_pictures { demand.copies(what, bytes) } else { demand.holds(what, bytes) }
     }
 
     fn note_buffer(&self, label: &str, bytes: u64, usage: wgpu::BufferUsages) {
         self.note(label, |demand, what| {
-            let demand = self.holding(demand, what, bytes);
+            let demand = self.hold(demand, what, bytes);
             if usage.contains(wgpu::BufferUsages::UNIFORM) {
                 demand.uniform(what, bytes)
             } else if usage.contains(wgpu::BufferUsages::STORAGE) {

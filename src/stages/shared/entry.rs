@@ -14,8 +14,8 @@ const CELLS_PER_WAVE: f64 = 2.0;
 const BOUND_ROOM: f64 = 1.001;
 /// Most steps of a search: 64 of them cross four waves.
 const MAX_STEPS: u64 = 64;
-/// Most turns of a search, which leaves others to what follows in the same invocation.
-const MAX_ITERATIONS: u64 = 40_000;
+/// Loop iterations of a search at most: the rest of [`fathom_gpu::MAX_ITERATIONS`] is for what follows in the same invocation.
+const MAX_SEARCH_ITERATIONS: u64 = 40_000;
 /// As in the shader.
 pub(crate) const REFINEMENTS: u64 = 8;
 
@@ -34,7 +34,7 @@ impl EntrySearch {
         Self {
             bound_m: water.bound_m() * BOUND_ROOM,
             step_m: shortest_m(water) / STEPS_PER_WAVE,
-            steps: (MAX_ITERATIONS / step_iterations(water)).min(MAX_STEPS),
+            steps: (MAX_SEARCH_ITERATIONS / step_iterations(water)).min(MAX_STEPS),
             newton_slant: (NEWTON_SLOPE / water.steepest()).min(f64::from(f32::MAX)),
         }
     }

@@ -80,7 +80,7 @@ fathom_base::choices!(Rasterizer);
 const SMALL_PIXELS: f64 = 64.0;
 /// Of a triangle that is turned: a thin one's box may be twice as long, and as wide. Triangles that stretch further are for the raster
 /// units.
-const MAX_ITERATIONS: u64 = (2 * SMALL_PIXELS as u64).pow(2) + 1;
+const MAX_SMALL_ITERATIONS: u64 = (2 * SMALL_PIXELS as u64).pow(2) + 1;
 
 /// A part's triangles by who rasterizes them: three indices each. None of no triangles.
 struct Split {
@@ -129,7 +129,7 @@ pub fn new(
     let split = |part| Split::new(resources, geometry, part, rasterizer);
     let splits: Vec<_> = parts.iter().map(split).collect();
     if splits.iter().any(|split| split.small.is_some()) {
-        resources.iterations("small triangles", MAX_ITERATIONS);
+        resources.iterations("small triangles", MAX_SMALL_ITERATIONS);
     }
     let [x, y, z] = SliceAxis::ALL.map(|axis| along(resources, geometry, parts, &splits, axis));
     Ok([x?, y?, z?])
