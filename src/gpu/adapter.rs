@@ -266,7 +266,7 @@ impl Gpu {
         if !flags.is_empty() {
             notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
-        let (device, queue) = request(&chosen, &adapter, (features, limits))?;
+        let (device, queue) = request(&chosen, &adapter, features, limits)?;
         let pipelines = Arc::new(Pipelines::default());
         let shaders = Arc::new(ShaderCache::default());
         let caches = (Arc::clone(&pipelines), Arc::clone(&shaders));
@@ -308,7 +308,8 @@ impl Gpu {
 fn request(
     chosen: &wgpu::Adapter,
     adapter: &record::Adapter,
-    (features, limits): (wgpu::Features, wgpu::Limits),
+    features: wgpu::Features,
+    limits: wgpu::Limits,
 ) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("fathom"),

@@ -91,13 +91,15 @@ fn read_texels(
     size: [u32; 3],
 ) -> Result<(u32, Vec<f32>), GpuError> {
     let layout = TexelLayout::from_format(texture.format())?;
-    let bytes = texel_bytes(gpu, (texture, level, size), layout.bytes)?;
+    let bytes = texel_bytes(gpu, texture, level, size, layout.bytes)?;
     Ok((layout.channels, (layout.decode)(&bytes)))
 }
 
 fn texel_bytes(
     gpu: &Gpu,
-    (texture, level, size): (&wgpu::Texture, u32, [u32; 3]),
+    texture: &wgpu::Texture,
+    level: u32,
+    size: [u32; 3],
     texel: u32,
 ) -> Result<Vec<u8>, GpuError> {
     let row = size[0] * texel;
@@ -105,7 +107,7 @@ fn texel_bytes(
     let bytes = u64::from(pitch) * u64::from(size[1]) * u64::from(size[2]);
     gpu.catch(|| {
         let staging = staging(gpu, bytes);
-        copy_to(gpu, (texture, level, size), &staging, pitch);
+        copy_to(gpu, texture, level, size, &staging, pitch);
         Ok(gpu.map(&staging, bytes, |padded| {
             let rows = padded.chunks_exact(pitch as usize).map(|padded| &padded[..row as usize]);
             rows.collect::<Vec<_>>().concat()
@@ -115,7 +117,9 @@ fn texel_bytes(
 
 fn copy_to(
     gpu: &Gpu,
-    (texture, level, size): (&wgpu::Texture, u32, [u32; 3]),
+    texture: &wgpu::Texture,
+    level: u32,
+    size: [u32; 3],
     staging: &wgpu::Buffer,
     pitch: u32,
 ) {

@@ -41,7 +41,7 @@ impl Pipeline for Hsao {
         if let Some(deform) = settings::deform(resources, &geometry, scene, &params.animation)? {
             resources.push(deform);
         }
-        let seen = VisibleScene::draw(resources, (view, shared), &geometry, &params.shadow)?;
+        let seen = VisibleScene::draw(resources, view, shared, &geometry, &params.shadow)?;
         let r_max_m = settings::r_max_m(scene, params.hsao.r_max_m, params.hsao.r_max_share);
         let uniforms = params.hsao.uniforms(params.buffer_px(), r_max_m);
         let hard = params.hsao.attenuation == settings::Attenuation::Hard;
@@ -51,7 +51,7 @@ impl Pipeline for Hsao {
         let march = of_buffer.push(march);
         let filter = params.hsao.filter.then_some((&bilateral::HSAO, &params.filter));
         let composed =
-            LitImage::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
+            LitImage::new(resources, &seen, scene, &geometry, &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (march::INFO.name, march.clone()),

@@ -26,7 +26,8 @@ impl VisibleScene {
     /// What the GPU reports.
     pub fn draw(
         resources: &Resources<'_>,
-        (view, shared): (View, Shared),
+        view: View,
+        shared: Shared,
         geometry: &Geometry,
         shadow: &Shadow,
     ) -> Result<Self, GpuError> {
@@ -57,7 +58,8 @@ impl LitImage {
     pub fn new(
         resources: &Resources<'_>,
         seen: &VisibleScene,
-        (scene, geometry): (&Scene, &Geometry),
+        scene: &Scene,
+        geometry: &Geometry,
         visibility: &wgpu::Texture,
         filter: Option<(&'static StageInfo, &Filter)>,
         compose: &Compose,
@@ -66,8 +68,9 @@ impl LitImage {
         let gbuffer = &seen.gbuffer;
         let filtered = |(info, settings): (&'static StageInfo, &Filter)| {
             let settings = settings.uniforms(&seen.view, kit::size_px(visibility));
-            let textures = (visibility, &gbuffer.depth, &gbuffer.normal);
-            let made = bilateral::new(resources, info, &seen.shared, textures, &settings)?;
+            let (shared, depth, normal) = (&seen.shared, &gbuffer.depth, &gbuffer.normal);
+            let made =
+                bilateral::new(resources, info, shared, visibility, depth, normal, &settings)?;
             Ok::<_, GpuError>((info.name, resources.push(made)))
         };
         let filtered = filter.map(filtered).transpose()?;

@@ -150,7 +150,7 @@ impl OcclusionBuffers {
         let scene = judge.scene;
         let points = judge.references.kept_answer(content, |geometry| {
             let tracer = geometry.tracer(scene, &question.animation);
-            cast(&question, &tracer, (&depth, &normal), most, rays)
+            cast(&question, &tracer, &depth, &normal, most, rays)
         });
         if points.is_empty() {
             return Err(JudgeError::Nothing);
@@ -291,7 +291,8 @@ pub(super) fn lattice([width, height]: [u32; 2], step: f64) -> impl Iterator<Ite
 fn cast(
     question: &OcclusionQuery,
     tracer: &Tracer,
-    (depth, normal): (&Pixels, &Pixels),
+    depth: &Pixels,
+    normal: &Pixels,
     most: usize,
     rays: u32,
 ) -> Vec<JudgedPoint> {

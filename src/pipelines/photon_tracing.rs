@@ -59,25 +59,25 @@ impl Pipeline for PhotonTracing {
         let of_view = &resources.with_size_hint(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.with_size_hint("view × ldi.layers");
-        let solid = (geometry, Objects::Solid);
-        let peel = peel::new(of_layers, shared, scene, solid, size_px, params.ldi.layers)?;
+        let (of, layers) = (Objects::Solid, params.ldi.layers);
+        let peel = peel::new(of_layers, shared, scene, geometry, of, size_px, layers)?;
         let layers = of_layers.push(peel);
 
-        let path_limits = (params.path_segments(), params.sprites.max_hits);
+        let [segments, max_hits] = [params.path_segments(), params.sprites.max_hits];
         let traced = RayInputs {
             transfers: &map.transfers,
             layers: &layers,
             bounds: under_water(scene),
-            walking: params.rays.walking(resources.gpu, path_limits),
+            walking: params.rays.walking(resources.gpu, segments, max_hits),
         };
         let of_grid = &resources.with_size_hint("transfer.grid");
         let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;
-        let (lit, seen) = ((&photons, &map.weights), &gbuffer);
+        let (weights, seen) = (&map.weights, &gbuffer);
         let sprite = sprite(params, &view);
-        let sprites = draw::new(of_view, shared, lit, &layers, &seen.depth, &sprite)?;
+        let sprites = draw::new(of_view, shared, &photons, weights, &layers, &seen.depth, &sprite)?;
         let irradiance = of_view.push(sprites);
         let drawn = if params.shafts.draw {
-            Some(shafts(of_view, shared, lit, seen, params, &view)?)
+            Some(shafts(of_view, shared, &photons, weights, seen, params, &view)?)
         } else {
             None
         };
@@ -117,7 +117,8 @@ fn under_water(scene: &Scene) -> Bounds {
 fn shafts(
     of_view: &Resources<'_>,
     shared: &Shared,
-    photons: (&Photons, &Buffer),
+    photons: &Photons,
+    weights: &Buffer,
     seen: &GBuffer,
     params: &Params,
     view: &View,
@@ -125,7 +126,7 @@ fn shafts(
     let pixel_m = view.pixel_tangent(view.size_px.into()) * params.middle_m();
     let photon_w = photon_w(params, view);
     let length_px = params.floor_depth_m / pixel_m;
-    let lines = lines::new(of_view, shared, photons, &seen.depth, photon_w, length_px)?;
+    let lines = lines::new(of_view, shared, photons, weights, &seen.depth, photon_w, length_px)?;
     let lines = of_view.push(lines);
     let blur = of_view.push(blur::new(of_view, &lines, params.shafts.sigma_px)?);
     // A photon of the flux Φ along a line scatters σ Φ / 4π for each metre and steradian. Its line is a pixel wide.

@@ -61,8 +61,7 @@ impl Pipeline for Planar {
         let photon_w = view.weighted_flux_w() / f64::from(params.transfer.photons());
         let map = of_map.push(points::new(of_map, shared, &transfers, &pool, photon_w)?);
         let (exposure, shown) = (params.compose.exposure, params.compose.show);
-        let lit = (&map, &pool);
-        let compose = compose::new(of_view, shared, &gbuffer, lit, exposure, shown)?;
+        let compose = compose::new(of_view, shared, &gbuffer, &map, &pool, exposure, shown)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, basin, transfers, map, image })
     }

@@ -131,7 +131,7 @@ impl Pipeline for ScreenRefraction {
         let of_view = &resources.with_size_hint(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let exits = match params.refraction.method {
-            ExitMethod::Trace => traced(resources, &view, shared, (scene, geometry), params)?,
+            ExitMethod::Trace => traced(resources, &view, shared, scene, geometry, params)?,
             ExitMethod::TwoInterface => {
                 let thickness_m = thickness(resources, scene);
                 let stage = two_interface::new(of_view, shared, geometry, size_px, &thickness_m)?;
@@ -205,31 +205,34 @@ fn traced(
     resources: &Resources<'_>,
     view: &View,
     shared: &Shared,
-    (scene, geometry): (&Scene, &Geometry),
+    scene: &Scene,
+    geometry: &Geometry,
     params: &Params,
 ) -> Result<Exits, GpuError> {
     let of_layers = &resources.with_size_hint("view × ldi.layers");
-    let (glass, size_px) = ((geometry, Objects::Glass), view.size_px.to_array());
-    let peel = ldi::peel::new(of_layers, shared, scene, glass, size_px, params.ldi.layers)?;
+    let (of, size_px, layers) = (Objects::Glass, view.size_px.to_array(), params.ldi.layers);
+    let peel = ldi::peel::new(of_layers, shared, scene, geometry, of, size_px, layers)?;
     let layers = of_layers.push(peel);
     let of_view = &resources.with_size_hint(VIEWPORT);
     let GlassSettings { count, surface, least_px, .. } = params.refraction;
     let bounds = scene.solid_bounds();
     if params.refraction.uses_lines() {
-        return trace_by_lines(of_view, (view, shared), &layers, bounds, (surface, least_px));
+        return trace_by_lines(of_view, view, shared, &layers, bounds, surface, least_px);
     }
     let walk: WalkUniforms = walk_uniforms(&layers, bounds, least_px);
-    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, (count, None))?))
+    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, count, None)?))
 }
 
 /// Pushes the stages that trace lines of sight through glass as lines of pixels, refracted twice: SPT §4. They are held against the first
 /// two layers, or against all.
 pub fn trace_by_lines(
     of_view: &Resources<'_>,
-    (view, shared): (&View, &Shared),
+    view: &View,
+    shared: &Shared,
     layers: &Layers,
     bounds: Bounds,
-    (surface, least_px): (GlassSurface, u32),
+    surface: GlassSurface,
+    least_px: u32,
 ) -> Result<Exits, GpuError> {
     let size_px = view.size_px.as_vec2();
     let (first, end) = shown_px(view, bounds);
@@ -251,7 +254,7 @@ pub fn trace_by_lines(
     let ends = screen_tracing::trace(of_view, shared, &traced, screen_tracing::WalkMethod::Lines)?;
     let walk = walk_uniforms(layers, bounds, least_px);
     let lines = Some(trace::SightLines { sight: &sight, ends: &ends });
-    Ok(of_view.push(trace::new(of_view, shared, layers, &walk, (2, lines))?))
+    Ok(of_view.push(trace::new(of_view, shared, layers, &walk, 2, lines)?))
 }
 
 /// The rectangle of pixels that holds what lies in a box: its first, and the one behind its last.

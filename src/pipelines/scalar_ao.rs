@@ -63,7 +63,7 @@ impl Pipeline for ScalarAo {
         let field = ScalarField::new(resources, volume, params.scalar.needs_pyramid());
         let of_view = &resources.with_size_hint(VIEWPORT);
         let size_px = [params.view.width, params.view.height];
-        let stage = cast(of_view, (&shared, &field), &params.scalar, size_px, r_max_m)?;
+        let stage = cast(of_view, &shared, &field, &params.scalar, size_px, r_max_m)?;
         let cast = of_view.push(stage);
         let texel_fetches =
             kit::pixels(&cast.image).saturating_mul(params.scalar.typical_fetches(volume));
@@ -120,18 +120,21 @@ impl PipelineInstance for ScalarAo {
 /// What the GPU reports.
 pub fn cast(
     resources: &Resources<'_>,
-    through: (&Shared, &ScalarField),
+    shared: &Shared,
+    field: &ScalarField,
     settings: &Scalar,
     size_px: [u32; 2],
     r_max_m: f64,
 ) -> Result<Stage<Cast>, GpuError> {
-    let march = &settings.uniforms(size_px, through.1.voxel_m, r_max_m);
+    let march = &settings.uniforms(size_px, field.voxel_m, r_max_m);
     let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
     match settings.mode {
         Mode::Isosurface => {
-            scalar::isosurface::new(resources, through, march, settings.surface_rays())
+            scalar::isosurface::new(resources, shared, field, march, settings.surface_rays())
         }
-        Mode::Direct => scalar::direct::new(resources, through, march, beer, rejection),
-        Mode::Positional => scalar::positional::new(resources, through, march, beer, rejection),
+        Mode::Direct => scalar::direct::new(resources, shared, field, march, beer, rejection),
+        Mode::Positional => {
+            scalar::positional::new(resources, shared, field, march, beer, rejection)
+        }
     }
 }

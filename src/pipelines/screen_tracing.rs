@@ -83,7 +83,7 @@ pub(super) const MAX_TILES: u64 = 1024;
 
 impl RaySettings {
     /// For photons of so many ways, of which so many intersections are kept.
-    pub fn walking(&self, gpu: &Gpu, (path_segments, max_hits): (u32, u32)) -> WalkRules {
+    pub fn walking(&self, gpu: &Gpu, path_segments: u32, max_hits: u32) -> WalkRules {
         let most_rows = gpu.limits.max_texture_dimension_2d;
         WalkRules {
             test: self.test,

@@ -72,8 +72,8 @@ impl Pipeline for ShadowRays {
         let of_view = &resources.with_size_hint(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.with_size_hint("view × ldi.layers");
-        let opaque = (geometry, Objects::Opaque);
-        let peel = ldi::peel::new(of_layers, shared, scene, opaque, size_px, params.ldi.layers)?;
+        let (of, layers) = (Objects::Opaque, params.ldi.layers);
+        let peel = ldi::peel::new(of_layers, shared, scene, geometry, of, size_px, layers)?;
         let layers = of_layers.push(peel);
         let starts = transfer::shadow::new(of_view, shared, &layers, params.receivers_only)?;
         let starts = of_view.push(starts);
@@ -81,7 +81,7 @@ impl Pipeline for ShadowRays {
             transfers: &starts,
             layers: &layers,
             bounds: scene.solid_bounds(),
-            walking: params.rays.walking(resources.gpu, (1, 1)),
+            walking: params.rays.walking(resources.gpu, 1, 1),
         };
         let photons = screen_tracing::trace(of_view, shared, &traced, params.rays.method)?;
         let exposure = params.compose.exposure;

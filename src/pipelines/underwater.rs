@@ -148,20 +148,22 @@ fn photon_grids(
         depth_share: params.caustics.filter_depth_share as f32,
     };
     let filter = |of: &Resources<'_>, drawn: &SplatSums| {
-        low_pass::guided(of, &low_pass::CAUSTICS, drawn, (shared, seen), &guide)
+        low_pass::guided(of, &low_pass::CAUSTICS, drawn, shared, seen, &guide)
     };
     let caustics = photon_stages(
         resources,
         shared,
         light,
-        (path, &plan.traces[0], &filter),
+        path,
+        &plan.traces[0],
+        &filter,
         |of, photons, conserving| {
-            let (inputs, settings, params) = ((photons, seen), &plan.splat, &params.caustics);
+            let (settings, params) = (&plan.splat, &params.caustics);
             let (coverage, max_px) = (params.coverage, params.point_size_max_px);
             let style = SplatStyle { conserving, coverage, typical_px: plan.splat_px, max_px };
             match params.splatting {
-                Splatting::Compute => splat::scatter(of, shared, inputs, settings, style),
-                Splatting::Raster => splat::raster(of, shared, inputs, settings, style),
+                Splatting::Compute => splat::scatter(of, shared, photons, seen, settings, style),
+                Splatting::Raster => splat::raster(of, shared, photons, seen, settings, style),
             }
         },
     )?;
@@ -177,10 +179,12 @@ fn photon_grids(
         resources,
         shared,
         light,
-        (path, &plan.traces[1], &filter),
+        path,
+        &plan.traces[1],
+        &filter,
         |of, photons, conserving| {
-            let (inputs, settings, length_px) = ((photons, seen), &plan.lines, plan.line_px);
-            godrays::lines::new(of, shared, inputs, settings, conserving, length_px)
+            let (settings, length_px) = (&plan.lines, plan.line_px);
+            godrays::lines::new(of, shared, photons, seen, settings, conserving, length_px)
         },
     )?;
     Ok([caustics, godrays])
@@ -195,7 +199,9 @@ fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
     light: (&wgpu::Texture, &wgpu::Texture),
-    (path, uniforms, filter): (PhotonPath, &TraceUniforms, &Smoothing<'_>),
+    path: PhotonPath,
+    uniforms: &TraceUniforms,
+    filter: &Smoothing<'_>,
     draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Stage<SplatSums>, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;

@@ -47,7 +47,7 @@ impl Pipeline for VolumeAo {
         let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);
         let volumes = voxelize(resources, &geometry, scene, params, params.voxel.update)?;
-        let seen = VisibleScene::draw(resources, (view, shared), &geometry, &params.shadow)?;
+        let seen = VisibleScene::draw(resources, view, shared, &geometry, &params.shadow)?;
         let marching = params.marching(scene);
         let textures = &seen.gbuffer;
         let of_buffer = resources.with_size_hint("ao.rays × samples");
@@ -63,7 +63,7 @@ impl Pipeline for VolumeAo {
         let march = of_buffer.push(march);
         let filter = params.ao.filter.then_some((&bilateral::AO, &params.filter));
         let composed =
-            LitImage::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
+            LitImage::new(resources, &seen, scene, &geometry, &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (ao::march::INFO.name, march.clone()),

@@ -32,9 +32,10 @@ fn filtered(
 ) -> Result<[Image; 2]> {
     let textures = rig.gbuffer(fixture)?;
     let input = input(&rig.channel(&textures.depth, 0)?);
-    let inputs = (&rig.grey(&input), &textures.depth, &textures.normal);
+    let GBuffer { depth, normal, .. } = &textures;
     let uniforms = settings.uniforms(&fixture.view, input.size());
-    let stage = bilateral::new(rig, info, &fixture.shared, inputs, &uniforms)?;
+    let stage =
+        bilateral::new(rig, info, &fixture.shared, &rig.grey(&input), depth, normal, &uniforms)?;
     Ok([rig.draw(&[&stage], stage.texture(), 0)?, input])
 }
 

@@ -37,8 +37,8 @@ fn guided(
 ) -> Result<Image> {
     let settings =
         GuidedUniforms { taps: TAPS, radius_px: radius_px as f32, depth_share: share as f32 };
-    let guide = (&Shared::new(rig, view), depth);
-    let stage = low_pass::guided(rig, &low_pass::CAUSTICS, &sums(rig, image), guide, &settings)?;
+    let (sums, shared) = (sums(rig, image), Shared::new(rig, view));
+    let stage = low_pass::guided(rig, &low_pass::CAUSTICS, &sums, &shared, depth, &settings)?;
     rig.draw(&[&stage], stage.texture(), 0)
 }
 

@@ -17,8 +17,8 @@ pub fn cases() -> Vec<Case> {
 
 fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let fixture = rig.fixture(Scene::load(name)?, SIZE)?;
-    let solid = (&fixture.geometry, Objects::Solid);
-    let peel = peel::new(rig, &fixture.shared, &fixture.scene, solid, SIZE, LAYERS as u32)?;
+    let Fixture { shared, scene, geometry, .. } = &fixture;
+    let peel = peel::new(rig, shared, scene, geometry, Objects::Solid, SIZE, LAYERS as u32)?;
     rig.run(&[&peel])?;
     let peeled = read_volume(rig.gpu, &peel.depths, 0)?;
     let texel = |(x, y): (u32, u32), layer: usize| {

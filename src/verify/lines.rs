@@ -53,8 +53,8 @@ fn draw_before(
         photons_per_instance: PHOTONS_PER_INSTANCE,
         photons: photons.len() as u32,
     };
-    let inputs = (&rig.photons(photons), &rig.depth(SIZE, depth)?);
-    let stage = lines::new(rig, &shared, inputs, &settings, conserving, 10.0)?;
+    let (photons, depth) = (&rig.photons(photons), &rig.depth(SIZE, depth)?);
+    let stage = lines::new(rig, &shared, photons, depth, &settings, conserving, 10.0)?;
     rig.draw(&[&stage], &stage.texture, 0)
 }
 

@@ -96,8 +96,8 @@ fn pool_errors(rig: &Rig<'_>, side: f64) -> Result<Vec<(Option<Face>, [f64; 2])>
     let known = NoisySurfaces::new(rig, &fixture, normal)?;
     let basin = Basin::from_water(&fixture.scene.water, fixture.scene.floor_depth_m);
     let (shared, pool) = (&fixture.shared, pool_from(&basin));
-    let lit = (&rig.grey(&atlas.0), &pool);
-    let stage = compose::new(rig, shared, &known.gbuffer, lit, EXPOSURE, PlanarView::Image)?;
+    let (map, gbuffer, shown) = (&rig.grey(&atlas.0), &known.gbuffer, PlanarView::Image);
+    let stage = compose::new(rig, shared, gbuffer, map, &pool, EXPOSURE, shown)?;
     rig.run(&[&stage])?;
     let shown = Texels::read(rig, stage.texture())?;
     // What is seen within 1.5 cm of a face is of it, by its normal; the floor first.
@@ -133,8 +133,8 @@ fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     let fixture = rig.fixture(pool(1.0)?, SIZE)?;
     let noise = NoiseAtlas::new();
     let pool = pool_from(&Basin::from_water(&fixture.scene.water, FLOOR_DEPTH_M));
-    let (gbuffer, lit) = (rig.gbuffer(&fixture)?, (&rig.grey(&noise.0), &pool));
-    let stage = compose::new(rig, &fixture.shared, &gbuffer, lit, EXPOSURE, PlanarView::FloorMap)?;
+    let (gbuffer, map, shown) = (rig.gbuffer(&fixture)?, rig.grey(&noise.0), PlanarView::FloorMap);
+    let stage = compose::new(rig, &fixture.shared, &gbuffer, &map, &pool, EXPOSURE, shown)?;
     let shown = rig.draw(&[&stage], stage.texture(), 0)?;
     let error = |face: i64| {
         largest(pixels(SIZE).map(|(x, y)| {

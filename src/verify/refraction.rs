@@ -104,9 +104,9 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Texels; 2
     let fixture = rig.fixture(ball_before(index)?, SIZE)?;
     let Fixture { shared, geometry, scene, .. } = &fixture;
     let gbuffer = rig.gbuffer(&fixture)?;
-    let peel = peel::new(rig, shared, scene, (geometry, Objects::Glass), SIZE, LAYERS)?;
+    let peel = peel::new(rig, shared, scene, geometry, Objects::Glass, SIZE, LAYERS)?;
     let walk = walk_uniforms(&peel, scene.solid_bounds(), MIN_STEPS);
-    let trace = trace::new(rig, shared, &peel, &walk, (2, None))?;
+    let trace = trace::new(rig, shared, &peel, &walk, 2, None)?;
     rig.run(&[&peel, &trace])?;
     let none = rig.constant(SIZE, [0.0; 4])?;
     let none = Exits { positions: none.clone(), directions: none };
@@ -175,7 +175,7 @@ fn water_surface(rig: &Rig<'_>, (from, percent, eye_to, waves): WaterView) -> Re
     scene.light.direction = [0.9, -0.4, 0.6];
     let fixture = rig.fixture(scene, SIZE)?;
     let Fixture { scene, shared, geometry, .. } = &fixture;
-    let peel = peel::new(rig, shared, scene, (geometry, Objects::Opaque), SIZE, 1)?;
+    let peel = peel::new(rig, shared, scene, geometry, Objects::Opaque, SIZE, 1)?;
     rig.run(&[&peel])?;
     let image = Image::from_fn(SIZE, |x, y| gradient(f64::from(x) + 0.5, f64::from(y) + 0.5));
     let dry = surface::DryView {

@@ -50,7 +50,7 @@ impl Setup {
         let shared = Shared::new(rig, &self.view()?);
         let field = ScalarField::new(rig, &self.volume, self.scalar.needs_pyramid());
         let (settings, r_max_m) = (&self.scalar, self.scalar.r_max_m);
-        let pass = scalar_ao::cast(rig, (&shared, &field), settings, self.size_px, r_max_m)?;
+        let pass = scalar_ao::cast(rig, &shared, &field, settings, self.size_px, r_max_m)?;
         rig.run(&[&pass])?;
         ScalarPicture::read(rig, &pass)
     }

@@ -39,8 +39,8 @@ impl ShadowScene {
 /// Rays start where pixels show what faces the light, of all objects or of receivers alone.
 fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
     let seen = ShadowScene::new(rig, kind)?;
-    let opaque = (&seen.fixture.geometry, Objects::Opaque);
-    let peel = peel::new(rig, &seen.fixture.shared, &seen.fixture.scene, opaque, SIZE, 1)?;
+    let Fixture { shared, scene, geometry, .. } = &seen.fixture;
+    let peel = peel::new(rig, shared, scene, geometry, Objects::Opaque, SIZE, 1)?;
     rig.run(&[&peel])?;
     let started = |receivers: bool| -> Result<Vec<bool>> {
         let stage = shadow::new(rig, &seen.fixture.shared, &peel, receivers)?;

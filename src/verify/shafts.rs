@@ -88,8 +88,8 @@ fn draw_lines(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<L
         let [start, end] = line.ends_m;
         let photon = rig::photon(start, end, BEFORE_M + start.distance(end));
         let photons = rig.photons(&[Photon { fate: OUTSIDE, ..photon }, photon]);
-        let inputs = (&photons, &rig.words(&[1.0, WEIGHT].map(|of| (of as f32).to_bits())));
-        let stage = lines::new(rig, &shared, inputs, &depth, PHOTON_W, 1.0)?;
+        let weights = rig.words(&[1.0, WEIGHT].map(|of| (of as f32).to_bits()));
+        let stage = lines::new(rig, &shared, &photons, &weights, &depth, PHOTON_W, 1.0)?;
         let image = rig.draw(&[&stage], &stage.texture, 0)?;
         let lit = pixels(SIZE).map(|at| (at, image.get(at))).filter(|(_, value)| *value > 0.0);
         Ok((line, lit.collect()))

@@ -171,10 +171,10 @@ fn draw(
     };
     let Rules { conserving, coverage, .. } = *rules;
     let style = SplatStyle { conserving, coverage, typical_px: 10.0, max_px };
-    let inputs = (&rig.photons(photons), depth);
+    let photons = &rig.photons(photons);
     let stage = match rules.splatting {
-        Splatting::Compute => splat::scatter(rig, &shared, inputs, &settings, style)?,
-        Splatting::Raster => splat::raster(rig, &shared, inputs, &settings, style)?,
+        Splatting::Compute => splat::scatter(rig, &shared, photons, depth, &settings, style)?,
+        Splatting::Raster => splat::raster(rig, &shared, photons, depth, &settings, style)?,
     };
     // Twice: a frame must not add to the one before.
     rig.draw(&[&stage, &stage], &stage.texture, 0)

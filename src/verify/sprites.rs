@@ -52,8 +52,8 @@ impl SpriteScene {
         // Sprites lie in the triangles' planes, not across these.
         scene.objects[0].mesh.normals.fill([0.6, 0.8, 0.0]);
         let fixture = rig.fixture(scene, SIZE)?;
-        let part = (&fixture.geometry, Objects::Solid);
-        let peel = peel::new(rig, &fixture.shared, &fixture.scene, part, SIZE, 2)?;
+        let Fixture { shared, scene, geometry, .. } = &fixture;
+        let peel = peel::new(rig, shared, scene, geometry, Objects::Solid, SIZE, 2)?;
         rig.run(&[&peel])?;
         let mut random = Random::new(7);
         let hit = |_| {
@@ -75,8 +75,8 @@ impl SpriteScene {
     fn irradiance(&self, rig: &Rig<'_>, fixture: &Fixture, sprite: &Sprite) -> Result<Image> {
         let seen = rig.gbuffer(fixture)?.depth;
         let weights: Vec<u32> = self.hits.iter().step_by(3).map(|(_, w)| w.to_bits()).collect();
-        let photons = (&self.photons, &rig.words(&weights));
-        let stage = draw::new(rig, &fixture.shared, photons, &self.layers, &seen, sprite)?;
+        let (photons, weights) = (&self.photons, &rig.words(&weights));
+        let stage = draw::new(rig, &fixture.shared, photons, weights, &self.layers, &seen, sprite)?;
         rig.draw(&[&stage], stage.texture(), 0)
     }
 
@@ -125,8 +125,8 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
     let is_wall = |hit: Hit| hit.object + 1 == fixture.scene.objects.len();
     let wall: Vec<(u32, u32)> =
         pixels(SIZE).filter(|at| fixture.hit(*at).is_some_and(is_wall)).collect();
-    let part = (&fixture.geometry, Objects::Solid);
-    let peel = peel::new(rig, &fixture.shared, &fixture.scene, part, SIZE, 2)?;
+    let Fixture { shared, scene, geometry, .. } = &fixture;
+    let peel = peel::new(rig, shared, scene, geometry, Objects::Solid, SIZE, 2)?;
     rig.run(&[&peel])?;
     let behind = SpriteScene { layers: peel.output, ..lit };
     let brightest = |visible_m: f64| -> Result<f64> {

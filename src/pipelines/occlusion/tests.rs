@@ -19,7 +19,7 @@ fn question(scale: u32) -> OcclusionQuery {
 fn points(question: &OcclusionQuery, most: usize) -> Vec<JudgedPoint> {
     let tracer = Tracer::new(&corner());
     let [depth, normal] = gbuffer(&tracer, &question.camera, question.size_px);
-    cast(question, &tracer, (&depth, &normal), most, 64)
+    cast(question, &tracer, &depth, &normal, most, 64)
 }
 
 /// A buffer of visibilities that holds what the reference says, and `darker` more occlusion.
@@ -86,12 +86,12 @@ fn points_behind_glass_are_judged_and_glass_is_not() {
     let tracer = Tracer::new(&objects);
     let bare = Tracer::new(&corner());
     let [depth, normal] = gbuffer(&bare, &question.camera, question.size_px);
-    let through = cast(&question, &tracer, (&depth, &normal), 400, 64);
+    let through = cast(&question, &tracer, &depth, &normal, 400, 64);
     assert_eq!(through.len(), plain.len());
     let clear = OcclusionQuery { alphas: vec![1.0, 1.0, 0.0], ..question.clone() };
-    let clear = cast(&clear, &tracer, (&depth, &normal), 400, 64);
+    let clear = cast(&clear, &tracer, &depth, &normal, 400, 64);
     let opaque = OcclusionQuery { alphas: vec![1.0; 3], ..question };
-    let opaque = cast(&opaque, &tracer, (&depth, &normal), 400, 64);
+    let opaque = cast(&opaque, &tracer, &depth, &normal, 400, 64);
     let sum = |points: &[JudgedPoint]| points.iter().map(|p| p.occlusion).sum::<f64>();
     let [clear, third, opaque] = [sum(&clear), sum(&through), sum(&opaque)];
     assert!(clear < opaque, "{clear} {opaque}");

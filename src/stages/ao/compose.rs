@@ -31,7 +31,7 @@ pub fn new(
     // surfaces that face away from the light ask no shadow map.
     let texels = [if shows_occlusion { 2 } else { 8 }, 2];
     let own: [&dyn Bind; 2] = [*visibility, *shadow];
-    let stage = picture.stage(resources, shared, (&INFO, &defs), &own, texels)?;
+    let stage = picture.stage(resources, shared, &INFO, &defs, &own, texels)?;
     let meaning = if shows_occlusion { "visibility" } else { "display value, gamma 2.2" };
     Ok(stage.dump_as("image", "the final image", Column::display(meaning)))
 }

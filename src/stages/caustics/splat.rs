@@ -125,7 +125,8 @@ pub struct SplatStyle {
 pub fn raster(
     resources: &Resources<'_>,
     shared: &Shared,
-    inputs: (&Photons, &wgpu::Texture),
+    photons: &Photons,
+    scene_depth: &wgpu::Texture,
     settings: &SplatUniforms,
     style: SplatStyle,
 ) -> Result<Stage<SplatSums>, GpuError> {
@@ -134,10 +135,10 @@ pub fn raster(
         size_px: settings.size_px.as_uvec2().to_array(),
         def: Some(style.coverage.def()),
         conserving: style.conserving,
-        fragments: fragments(inputs.0, style.typical_px),
+        fragments: fragments(photons, style.typical_px),
         column: column(style.conserving),
     };
-    splatting::new(resources, &INFO, shared, inputs, drawing)
+    splatting::new(resources, &INFO, shared, photons, scene_depth, drawing)
 }
 
 fn fragments(photons: &Photons, typical_px: f64) -> u64 {
@@ -160,7 +161,8 @@ const PIXEL_BYTES: u64 = 8 + 4 + 4;
 pub fn scatter(
     resources: &Resources<'_>,
     shared: &Shared,
-    (photons, scene_depth): (&Photons, &wgpu::Texture),
+    photons: &Photons,
+    scene_depth: &wgpu::Texture,
     settings: &SplatUniforms,
     style: SplatStyle,
 ) -> Result<Stage<SplatSums>, GpuError> {

@@ -45,7 +45,8 @@ fn column(conserving: bool) -> Column {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    inputs: (&Photons, &wgpu::Texture),
+    photons: &Photons,
+    scene_depth: &wgpu::Texture,
     settings: &LinesUniforms,
     conserving: bool,
     typical_px: f64,
@@ -55,8 +56,8 @@ pub fn new(
         size_px: settings.size_px.as_uvec2().to_array(),
         def: None,
         conserving,
-        fragments: (f64::from(inputs.0.count) * typical_px * f64::from(settings.width_px)) as u64,
+        fragments: (f64::from(photons.count) * typical_px * f64::from(settings.width_px)) as u64,
         column: column(conserving),
     };
-    splatting::new(resources, &INFO, shared, inputs, drawing)
+    splatting::new(resources, &INFO, shared, photons, scene_depth, drawing)
 }

@@ -18,7 +18,8 @@ pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     scene: &Scene,
-    (geometry, part): (&Geometry, Objects),
+    geometry: &Geometry,
+    part: Objects,
     size_px: [u32; 2],
     count: u32,
 ) -> Result<Stage<Layers>, GpuError> {

@@ -30,7 +30,8 @@ pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     gbuffer: &GBuffer,
-    (map, pool): (&wgpu::Texture, &Pool),
+    map: &wgpu::Texture,
+    pool: &Pool,
     exposure: f64,
     shown: PlanarView,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
@@ -38,5 +39,5 @@ pub fn new(
     let defs = [("MAP", i32::from(shown == PlanarView::FloorMap))];
     let picture = Picture::new(gbuffer, exposure, 0.0);
     // Albedo, normal and depth of a pixel, and four texels of the map.
-    Ok(picture.stage(resources, shared, (&INFO, &defs), &[&pool, map], [7, 1])?.image())
+    Ok(picture.stage(resources, shared, &INFO, &defs, &[&pool, map], [7, 1])?.image())
 }

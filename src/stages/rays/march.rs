@@ -16,7 +16,7 @@ pub fn new(
     rays: &RayInputs<'_>,
 ) -> Result<Stage<Photons>, GpuError> {
     let count = rays.transfers.count;
-    let photons = Photons::of_rays(resources, INFO.name, (count, rays.walking.max_hits));
+    let photons = Photons::of_rays(resources, INFO.name, count, rays.walking.max_hits);
     resources
         .iterations("view × ldi.layers", walk_iterations(rays.max_steps(), rays.layers.count()));
     let own = rays.group(resources, INFO.name, Some(&photons));

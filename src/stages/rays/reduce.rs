@@ -44,7 +44,7 @@ pub fn new(
         texels += kit::pixels(&half);
         wide = half;
     }
-    let photons = Photons::of_rays(resources, INFO.name, (transfers.count, max_hits));
+    let photons = Photons::of_rays(resources, INFO.name, transfers.count, max_hits);
     let last = |tile| {
         let tile = TileUniforms { first: tile * rows, photons: transfers.count, max_hits };
         let tile = resources.uniform(INFO.name, &tile);

@@ -41,5 +41,5 @@ pub fn new(
     let rays: [&dyn Bind; 3] = [&exits.positions, &exits.directions, &walk];
     let texels = [5 + FETCHES * steps, 1];
     let picture = Picture::new(gbuffer, exposure, 0.0);
-    Ok(picture.stage(resources, shared, (&INFO, &[]), &rays, texels)?.image())
+    Ok(picture.stage(resources, shared, &INFO, &[], &rays, texels)?.image())
 }

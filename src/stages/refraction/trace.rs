@@ -34,7 +34,8 @@ pub fn new(
     shared: &Shared,
     layers: &Layers,
     walk: &WalkUniforms,
-    (refractions, lines): (u32, Option<SightLines<'_>>),
+    refractions: u32,
+    lines: Option<SightLines<'_>>,
 ) -> Result<Stage<Exits>, GpuError> {
     let iterations = u64::from(refractions) * (walk_iterations(walk.max_steps, 0) + 2) + 1;
     resources.iterations("refractions × view", iterations);

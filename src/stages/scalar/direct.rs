@@ -13,11 +13,12 @@ pub const INFO: StageInfo = StageInfo {
 /// `beer`: values are densities (Eq. 5), else opacities (Eq. 7). `rejection`: Eq. 4.
 pub fn new(
     resources: &Resources<'_>,
-    through: (&Shared, &ScalarField),
+    shared: &Shared,
+    field: &ScalarField,
     settings: &CastUniforms,
     beer: bool,
     rejection: bool,
 ) -> Result<Stage<Cast>, GpuError> {
     let defs = [("BEER", beer), ("REJECTION", rejection)];
-    ray_cast::new(resources, &INFO, through, &defs, false, settings)
+    ray_cast::new(resources, &INFO, shared, field, &defs, false, settings)
 }

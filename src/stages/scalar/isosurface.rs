@@ -25,7 +25,8 @@ pub struct RayRules {
 
 pub fn new(
     resources: &Resources<'_>,
-    through: (&Shared, &ScalarField),
+    shared: &Shared,
+    field: &ScalarField,
     settings: &CastUniforms,
     rays: RayRules,
 ) -> Result<Stage<Cast>, GpuError> {
@@ -35,5 +36,5 @@ pub fn new(
         ("OPACITY", rays.opacity),
         ("REJECTION", rays.rejection),
     ];
-    ray_cast::new(resources, &INFO, through, &defs, true, settings)
+    ray_cast::new(resources, &INFO, shared, field, &defs, true, settings)
 }

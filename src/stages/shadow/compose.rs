@@ -20,7 +20,7 @@ pub fn new(
     exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let picture = Picture::new(gbuffer, exposure, 0.0);
-    let mut stage = picture.stage(resources, shared, (&INFO, &[]), &[photons], [3, 1])?.image();
+    let mut stage = picture.stage(resources, shared, &INFO, &[], &[photons], [3, 1])?.image();
     stage.work.bytes_read = Photons::bytes(photons.count.into());
     Ok(stage)
 }

@@ -22,7 +22,8 @@ shader_struct! {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    (photons, weights): (&Photons, &Buffer),
+    photons: &Photons,
+    weights: &Buffer,
     depth: &wgpu::Texture,
     photon_w: f64,
     length_px: f64,

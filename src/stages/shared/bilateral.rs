@@ -42,7 +42,9 @@ pub fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     shared: &Shared,
-    (visibility, depth, normal): (&wgpu::Texture, &wgpu::Texture, &wgpu::Texture),
+    visibility: &wgpu::Texture,
+    depth: &wgpu::Texture,
+    normal: &wgpu::Texture,
     settings: &BilateralUniforms,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let filter = resources.loop_settings(info.name, settings);

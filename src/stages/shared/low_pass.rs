@@ -49,7 +49,8 @@ pub fn guided(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     source: &SplatSums,
-    (shared, depth): (&Shared, &wgpu::Texture),
+    shared: &Shared,
+    depth: &wgpu::Texture,
     settings: &GuidedUniforms,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let filter = resources.loop_settings(info.name, settings);

@@ -155,11 +155,11 @@ impl Photons {
     }
 
     pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
-        Self::of_rays(resources, label, (count, 1))
+        Self::of_rays(resources, label, count, 1)
     }
 
     /// Room for `per_ray` entries of each of `rays`.
-    pub fn of_rays(resources: &Resources<'_>, label: &str, (rays, per_ray): (u32, u32)) -> Self {
+    pub fn of_rays(resources: &Resources<'_>, label: &str, rays: u32, per_ray: u32) -> Self {
         let count = rays.saturating_mul(per_ray);
         Self { buffer: resources.struct_storage::<Photon>(label, count.into()), count, per_ray }
     }

@@ -62,7 +62,8 @@ impl<'a> Picture<'a> {
         &self,
         resources: &Resources<'_>,
         shared: &Shared,
-        (info, defs): (&'static StageInfo, &[(&str, i32)]),
+        info: &'static StageInfo,
+        defs: &[(&str, i32)],
         own: &[&dyn Bind],
         [texels, least]: [u64; 2],
     ) -> Result<Stage<wgpu::Texture>, GpuError> {

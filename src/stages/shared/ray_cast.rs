@@ -65,7 +65,8 @@ pub struct Cast {
 pub(crate) fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
-    (shared, field): (&Shared, &ScalarField),
+    shared: &Shared,
+    field: &ScalarField,
     defs: &[(&str, bool)],
     normals: bool,
     settings: &CastUniforms,

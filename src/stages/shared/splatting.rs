@@ -44,7 +44,8 @@ pub(crate) fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     shared: &Shared,
-    (photons, scene_depth): (&Photons, &wgpu::Texture),
+    photons: &Photons,
+    scene_depth: &wgpu::Texture,
     drawing: SplatDrawing<'_>,
 ) -> Result<Stage<SplatSums>, GpuError> {
     let SplatDrawing { uniforms, size_px, def, conserving, fragments, column } = drawing;

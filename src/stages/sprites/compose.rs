@@ -39,5 +39,5 @@ pub fn new(
     let defs = [("DRY", dry), ("SHAFTS", i32::from(shafts.is_some()))];
     let mut own: Vec<&dyn Bind> = vec![irradiance];
     own.extend(shafts.map(|shafts| shafts.flux as &dyn Bind));
-    Ok(picture.stage(resources, shared, (&INFO, &defs), &own, [4, 1])?.image())
+    Ok(picture.stage(resources, shared, &INFO, &defs, &own, [4, 1])?.image())
 }

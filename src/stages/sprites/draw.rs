@@ -52,7 +52,8 @@ impl Sprite {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    (photons, weights): (&Photons, &Buffer),
+    photons: &Photons,
+    weights: &Buffer,
     layers: &Layers,
     seen: &wgpu::Texture,
     sprite: &Sprite,
