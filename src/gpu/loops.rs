@@ -6,7 +6,7 @@ use crate::{Gpu, GpuError};
 use fathom_record::LoopTurns;
 
 /// Turns that all loops of an invocation make together at most, in any stage on any adapter: what needs more is cut into several
-/// passes or refused. llvmpipe ends the loops of an invocation after 65,535 turns, and tells nobody: `LP_MAX_TGSI_LOOP_ITERATIONS` in
+/// passes or refused. llvmpipe ends the loops of an invocation after 65,535 turns, and reports nothing: `LP_MAX_TGSI_LOOP_ITERATIONS` in
 /// Mesa's `src/gallium/auxiliary/gallivm/lp_bld_limits.h`. Loops inside one another and loops one after the other share the count,
 /// and it advances by the turns of the longest of the invocations that share a vector. A turn that only finds the loop's end counts too.
 /// SwiftShader has no such limit. The difference to 65,535 is for loops that are not counted, of few turns.

@@ -38,9 +38,9 @@ mod tests {
 
     /// What keeps the turns of an invocation below [`MAX_ITERATIONS`], and the shaders with loops of which that is so.
     const HELD: &[(&str, &str)] = &[
-        ("told where the stage is made", "caustics/splat caustics/trace godrays/trace hsao/march"),
-        ("told where the stage is made", "rays/march refraction/surface refraction/trace"),
-        ("told where the stage is made", "scalar/isosurface"),
+        ("bound declared by the stage", "caustics/splat caustics/trace godrays/trace hsao/march"),
+        ("bound declared by the stage", "rays/march refraction/surface refraction/trace"),
+        ("bound declared by the stage", "scalar/isosurface"),
         ("slices of rays or of steps", "ao/march ao/query scalar/direct scalar/positional"),
         ("layers of the dispatch", "voxel/alpha voxel/overlap"),
         ("1,024 taps, 17² texels", "ao/bilateral caustics/filter godrays/filter hsao/filter"),
