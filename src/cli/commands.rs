@@ -362,7 +362,7 @@ pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>, png: bool) -> ExitRes
     }
     anyhow::ensure!(!png, "--png is for the plots of one folder, without --out");
     let out = out.context(
-        "several folders make one page: say with --out where to write it; `fathom compare` of two files of records prints what changed",
+        "several folders make one page: say with --out where to write it; `fathom compare OLD NEW` prints what changed between two runs",
     )?;
     write_into(&out, vec![exporters::ReportFolders::read(&folders)?.page()])
 }

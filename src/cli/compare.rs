@@ -217,9 +217,9 @@ impl PreparedSide {
     }
 }
 
-/// Two files of records: what changed.
-fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> ExitResult {
-    let [base, head] = [RunFile::read(files[0])?, RunFile::read(files[1])?];
+/// Prints what changed from one run to another, each a folder or its file of records.
+fn two_runs(paths: [&PathBuf; 2], gates: &[Gate]) -> ExitResult {
+    let [base, head] = [RunFile::read(paths[0])?, RunFile::read(paths[1])?];
     let changes = RunChanges::from_files([&base, &head], gates)?;
     let status = changes.status;
     let headline = format!("{status} (status {}): {}", status as u8, changes.headline);

@@ -13,7 +13,7 @@ const TEXT: &str = "text";
 
 #[derive(Args)]
 pub struct CompareArgs {
-    /// Two files of records in place of two builds: what changed from one run to the other. Exact figures are judged; times are not, as two runs share no pairs
+    /// Two runs in place of two builds, each a folder or its file of records: what changed from one to the other. Exact figures are judged; times are not, as two runs share no pairs
     #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_exact", "base_bin", "replay", "resume", "out", "format"])]
     pub records: Vec<PathBuf>,
     /// Revision to build as the base: the commit in which it and the head part, their merge base

@@ -1,4 +1,4 @@
-//! Comparison of two files of records: what they hold of the same cells.
+//! Comparison of the records of two runs: which cells both have, and the exact figures of these.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,29 +7,31 @@ use anyhow::{Context, bail};
 use itertools::Itertools;
 
 use crate::adapters::AdapterRelation;
-use crate::changes::cells::redefinition;
+use crate::matched_cells::{MatchedCells, redefinition};
 use crate::store::Comparison;
 use fathom_base::private;
 use fathom_record as record;
 use fathom_record::comparison::{
     CellId, ComparisonEnd, ConfigurationFigures, ExactFigures, Fault, Gate, Side, Skip,
 };
+use fathom_record::output::RECORDS;
 use fathom_record::{
     Adapter, Cell, Measured, OVER_BUDGET, Outcome, Record, RecordError, RecordFile, Run,
 };
 
-/// A file of a run's records, as it was read.
+/// The file of a run's records, as it was read.
 pub struct RunFile {
     pub path: PathBuf,
     pub reading: RecordFile,
 }
 
 impl RunFile {
+    /// Of a file or of the folder that holds it.
     pub fn read(path: &Path) -> Result<Self, RecordError> {
-        // The user names this file itself, if only by a link.
-        let target = path.canonicalize();
-        let reading = record::read(target.as_deref().unwrap_or(path))?;
-        Ok(Self { path: path.to_owned(), reading })
+        // The user names this file or folder itself, if only by a link.
+        let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let file = |path: &Path| if target.is_dir() { path.join(RECORDS) } else { path.to_owned() };
+        Ok(Self { path: file(path), reading: record::read(&file(&target))? })
     }
 }
 
@@ -40,34 +42,35 @@ struct LastRun<'a> {
     notes: Vec<String>,
 }
 
-/// What two files hold of the same cells, as the exact gate judges it.
-pub struct SameCells {
+/// What two runs have of the same cells, as the exact gate judges it.
+pub struct SameCells<'a> {
     pub comparison: Comparison,
+    pub cells: MatchedCells<'a>,
     /// Why the times may not even stand beside each other.
     pub untimed: Option<String>,
 }
 
-impl SameCells {
+impl<'a> SameCells<'a> {
     /// By these gates: where times are asked for, they are said not to be judged.
-    pub fn compare([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
-        let [base, head] = [sorted(base)?, sorted(head)?];
+    pub fn compare([base, head]: [&'a RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
+        let [base, head] = [last_run(base)?, last_run(head)?];
         let untimed = check_comparable(base.run, head.run).err();
+        let cells = MatchedCells::match_runs(&base.cells, &head.cells);
         let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
-        let (mut ids, mut unknown) = (BTreeMap::new(), 0);
-        for (key, cell) in &base.cells {
-            let of_head = head.cells.get(key).copied();
-            if let Some(of_head) = of_head.filter(|h| cell.has_same_sources(h) != Some(false)) {
-                unknown += usize::from(cell.sources.is_empty() != of_head.sources.is_empty());
-                contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
-            }
+        let mut ids = BTreeMap::new();
+        for pair in &cells.pairs {
+            contents.add(&numbered(name(pair[0]), &mut ids), *pair);
         }
         if contents.comparison.configurations.is_empty() {
-            bail!("the files have no measured cell in common: {}", why_none(&base, &head));
+            bail!("the files have no measured cell in common: {}", why_none(&base, &head, &cells));
         }
         let mut comparison = contents.comparison;
         let header = &mut comparison.header;
         (header.adapter, header.settings.gates) = (head.run.adapter.clone(), vec![Gate::Exact]);
         header.notes = [base.notes, head.notes].concat();
+        let is_unknown =
+            |[base, head]: &&[&Cell; 2]| base.sources.is_empty() != head.sources.is_empty();
+        let unknown = cells.pairs.iter().filter(is_unknown).count();
         header.notes.extend((unknown > 0).then(|| {
             format!("one file does not tell what the scenes of {unknown} cells were made of: whether they are the same is not known")
         }));
@@ -75,23 +78,18 @@ impl SameCells {
         let skip = Skip { gate: Gate::Time, reason };
         header.skipped.extend(gates.contains(&skip.gate).then_some(skip));
         comparison.end = Some(ComparisonEnd { wall_s: 0.0, interrupted: false });
-        Ok(Self { comparison, untimed })
+        Ok(Self { comparison, cells, untimed })
     }
 }
 
-/// How many each file holds, and what differs in the first that have one name.
-fn why_none(base: &LastRun<'_>, head: &LastRun<'_>) -> String {
-    let [of_base, of_head] =
-        [base, head].map(|of| of.cells.values().copied().filter(|c| c.measured().is_some()));
-    let counts = format!(
-        "{} measured in the base, {} in the head",
-        of_base.clone().count(),
-        of_head.clone().count()
-    );
-    let same_name =
-        of_base.cartesian_product(of_head).find(|(base, head)| name(base) == name(head));
-    same_name.map_or(counts.clone(), |(base, head)| {
-        format!("{counts}; they differ, such as {} in {}", name(head), redefinition(base, head))
+/// How many cells each file measured, and what differs in one that both have under one name.
+fn why_none(base: &LastRun<'_>, head: &LastRun<'_>, cells: &MatchedCells<'_>) -> String {
+    let measured = |of: &LastRun<'_>| of.cells.values().filter(|c| c.measured().is_some()).count();
+    let counts = format!("{} measured in the base, {} in the head", measured(base), measured(head));
+    let is_measured = |cells: &&[&Cell; 2]| cells.iter().all(|cell| cell.measured().is_some());
+    let same_name = cells.redefined.iter().find(is_measured);
+    same_name.map_or(counts.clone(), |cells| {
+        format!("{counts}; they differ, such as {} in {}", name(cells[0]), redefinition(*cells))
     })
 }
 
@@ -109,7 +107,8 @@ fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
     }
 }
 
-fn sorted(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
+/// The run of a file, and its cells: of several runs the last, with what goes together with it.
+fn last_run(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
     let RunFile { path, reading } = file;
     let name = private::path(path);
     let mut notes: Vec<String> = reading.damaged.notice(Path::new(&name)).into_iter().collect();
