@@ -23,9 +23,9 @@ use std::time::Duration;
 use itertools::{Either, Itertools};
 use tempfile::TempDir;
 
-use super::launch::{self, Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::valgrind;
+use super::worker_process::{self, Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use fathom_base::{process, quiet, text};
 use fathom_judge::store::{self, Comparison};
 use fathom_record::RecordError;
@@ -76,7 +76,7 @@ pub fn run(
     start: &(dyn Fn(Side) -> WorkerStart + Sync),
     interrupted: &AtomicBool,
 ) -> Result<(), RecordError> {
-    let cores = launch::allowed_cores();
+    let cores = worker_process::allowed_cores();
     let workers = match cores.len() {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         n => n,

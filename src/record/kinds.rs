@@ -159,7 +159,7 @@ pub struct Picture {
     /// Within the folder of the records, its parts joined by `/`.
     pub path: String,
     pub shows: PictureKind,
-    /// Where its colours are no light. Absent from records of earlier versions.
+    /// Where its colours are no light.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<PictureScale>,
 }

@@ -85,20 +85,19 @@ pub struct Run {
     pub schema: u32,
     /// Of the program that measured.
     pub fathom_version: String,
-    /// What that program was built of. Absent from records of earlier versions.
+    /// What that program was built of; absent where it does not know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
     /// RFC 3339, UTC.
     pub started_at: String,
     pub profile: Profile,
-    /// What was asked of each cell: half the width of the frame time's 95 % interval over its median. Absent from records of earlier
-    /// versions.
+    /// What was asked of each cell: half the width of the frame time's 95 % interval over its median. Absent where it was the profile's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
     /// Arguments of the program, its name first.
     pub command: Vec<String>,
     /// Experiments that it was asked for, those that are not built in by their files in the run's folder; empty where it was all built-in
-    /// ones. Absent from records of earlier versions.
+    /// ones. Absent from records of programs of one's own and of the committed runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub experiments: Option<Vec<String>>,
     pub adapter: Adapter,
@@ -114,10 +113,10 @@ pub struct Run {
     /// fenced host durations was measured beside them and is in `fenced` of each stage.
     #[schemars(schema_with = "schema::map::<PassKind, f64>")]
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
-    /// Turns of loops that an invocation makes on this adapter. Absent from records of earlier versions.
+    /// Turns of loops that an invocation makes on this adapter. Absent where that was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loop_turns: Option<LoopTurns>,
-    /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
+    /// The adapter's limits, measured after the audit. Absent where they were not measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "ceilings::read")]
     pub ceilings: Vec<Ceiling>,
     /// The part of a run that this is; absent where it is the whole.
@@ -128,7 +127,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// The precision that was asked; of an earlier record the profile's.
+    /// The precision that was asked; where the record has none, the profile's.
     pub fn asked_precision(&self) -> f64 {
         self.precision.unwrap_or_else(|| self.profile.precision())
     }
@@ -142,10 +141,10 @@ pub struct Build {
     pub commit: Option<String>,
     /// Its files differed from the commit.
     pub dirty: bool,
-    /// Digest of the program's file and of the shaders that it read. Absent from records of earlier versions.
+    /// Digest of the program's file and of the shaders that it read; absent where it does not know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<String>,
-    /// How it was built: `profile`, `opt-level`, `target`, `flags` and `compiler`. Absent from programs of earlier versions.
+    /// How it was built: `profile`, `opt-level`, `target`, `flags` and `compiler`; absent where it does not know.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub with: BTreeMap<String, String>,
 }
@@ -324,7 +323,7 @@ pub struct Cell {
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
     /// What the scene was made of: the name of each mesh and volume that was read, and `scene_file` for what its file and the bases of that
-    /// say → first 16 digits of the SHA-256, hexadecimal, of the unpacked content. Absent from records of earlier versions.
+    /// say → first 16 digits of the SHA-256, hexadecimal, of the unpacked content. Absent where there is no scene, and from the committed runs.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sources: BTreeMap<String, String>,
     /// Every parameter of the pipeline, resolved.

@@ -166,7 +166,7 @@ fn bases_that_cannot_be_asked_are_told_apart() {
     }
 }
 
-/// A gate is skipped, and cells are new. What else a side may lack or fail at, and what that costs, is tested in `fathom_compare::{survey, rounds}`.
+/// A gate is skipped, and cells are new. What else a side may lack or fail at, and what that costs, is tested in `fathom_compare::{exact_gate, launches}`.
 #[test]
 fn what_the_base_does_not_know_is_told() {
     let absent = refusal("unknown pipeline", true);

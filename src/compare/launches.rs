@@ -19,7 +19,7 @@ use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use strum::Display;
 
-use super::launch::WorkerFault;
+use super::worker_process::WorkerFault;
 use fathom_judge::schedule::GateSchedule;
 use fathom_record::MachineState;
 use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
@@ -119,7 +119,7 @@ pub fn run<E>(
     mut sink: impl FnMut(Vec<Compared>) -> Result<(), E>,
 ) -> Result<(), E> {
     let remaining = schedule.cells.iter().filter(|cell| !before.given_up.contains(cell));
-    let mut gate = Gatekeeper {
+    let mut gate = LaunchRunner {
         schedule,
         workers,
         launch: before.last.map_or(0, |last| last + 1),
@@ -152,7 +152,7 @@ pub fn run<E>(
 }
 
 /// Runs launches and keeps count of the cells that are left.
-struct Gatekeeper<'a> {
+struct LaunchRunner<'a> {
     schedule: &'a GateSchedule,
     workers: &'a mut dyn LaunchWorkers,
     /// Number of the launch that is run.
@@ -179,7 +179,7 @@ struct Visit {
     base_first: Vec<bool>,
 }
 
-impl Gatekeeper<'_> {
+impl LaunchRunner<'_> {
     fn launch(&mut self) -> LaunchOutcome {
         let start = Instant::now();
         let mut faults = Vec::new();

@@ -2,21 +2,21 @@
 
 use sha2::{Digest, Sha256};
 
-use super::launch::{ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
+use super::worker_process::{ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use fathom_base::input;
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
 
 /// One side: how to start its worker, and the worker while it lives.
-pub struct SurveyedBuild<'a> {
+pub struct ExactGateSide<'a> {
     start: WorkerStart,
     waiting: ReplyWait<'a>,
     worker: Option<WorkerProcess>,
 }
 
-impl<'a> SurveyedBuild<'a> {
+impl<'a> ExactGateSide<'a> {
     /// Starts the worker; what it says of itself comes with [`Self::greet`].
     pub fn new(start: WorkerStart, waiting: ReplyWait<'a>) -> Result<Self, WorkerFault> {
         let worker = Some(WorkerProcess::start(&start)?);
@@ -71,7 +71,7 @@ impl<'a> SurveyedBuild<'a> {
 
 /// Prepares a configuration on both sides at once. Gives what of it both have, and the faults of what one lacks.
 pub fn prepare(
-    builds: &mut [SurveyedBuild<'_>; 2],
+    builds: &mut [ExactGateSide<'_>; 2],
     configuration: &GateConfiguration,
 ) -> (GateConfiguration, Vec<Compared>) {
     let request = WorkerRequest::Prepare { configuration: configuration.clone() };
@@ -81,7 +81,7 @@ pub fn prepare(
 
 /// The exact figures of a configuration that both sides have prepared.
 pub fn exact(
-    builds: &mut [SurveyedBuild<'_>; 2],
+    builds: &mut [ExactGateSide<'_>; 2],
     configuration: &GateConfiguration,
 ) -> Vec<Compared> {
     let replies = both(builds, &WorkerRequest::Exact { config: configuration.id.clone() });
@@ -91,7 +91,7 @@ pub fn exact(
 
 /// The checks of these stages on both sides, or why a side gave none. Each stage has its own request and so its own time: all checks
 /// together may take longer than a worker is waited for.
-pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: &[String]) -> Vec<Compared> {
+pub fn checks(builds: &mut [ExactGateSide<'_>; 2], stages: &[String]) -> Vec<Compared> {
     let mut lines = Vec::new();
     for stage in stages {
         let request = WorkerRequest::Checks { stages: vec![stage.clone()] };
@@ -120,7 +120,7 @@ pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: &[String]) -> Vec<Com
 
 /// Asks both sides at once: nothing is timed here.
 fn both(
-    builds: &mut [SurveyedBuild<'_>; 2],
+    builds: &mut [ExactGateSide<'_>; 2],
     request: &WorkerRequest,
 ) -> [Result<Reply, WorkerFault>; 2] {
     let sent = builds.each_mut().map(|build| (build.send(request), build));
