@@ -120,8 +120,8 @@ pub struct BisectArgs {
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LAUNCHES)))]
     pub batch: u32,
     /// Pairs of worker processes for the whole search, those of the ends apart
-    #[arg(long, value_name = "N", default_value_t = 120)]
-    pub most_launches: u32,
+    #[arg(long = "most-launches", value_name = "N", default_value_t = 120)]
+    pub max_launches: u32,
     /// Share by which a time must change to count
     #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
     pub threshold: f64,

@@ -227,8 +227,8 @@ fn order(launch: u32, control: bool) -> Vec<WorkerRole> {
 }
 
 /// The cores in turn.
-fn core(cores: &[usize], turn: usize) -> Option<usize> {
-    (!cores.is_empty()).then(|| cores[turn % cores.len()])
+fn core(cores: &[usize], index: usize) -> Option<usize> {
+    (!cores.is_empty()).then(|| cores[index % cores.len()])
 }
 
 /// Sides whose audits have chosen different clocks are both timed by the fenced host clock.

@@ -250,9 +250,9 @@ impl WorkerProcess {
             }
             if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
                 let (name, process, asked) = (&self.name, self.tree.id(), self.request);
-                let most = patience.as_secs();
+                let patience_s = patience.as_secs();
                 (waiting.report)(&format!(
-                    "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {most} s"
+                    "waiting for the {name} worker (process {process}) to answer `{asked}`, for at patience_s {patience_s} s"
                 ));
             }
         }

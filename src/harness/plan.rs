@@ -155,7 +155,8 @@ pub fn plan(
     experiments: Vec<Experiment>,
     request: &Request,
     profile: Profile,
-    (capacity, catalog): (&Capacity, &Catalog),
+    capacity: &Capacity,
+    catalog: &Catalog,
     in_time: &dyn Fn() -> Result<()>,
 ) -> Result<Vec<PlannedExperiment>> {
     let mut subjects = Subjects::new(catalog).with_capacity(capacity);
@@ -165,10 +166,10 @@ pub fn plan(
     }
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
-        let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
+        let angles_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
         let cell = |plan| {
             in_time()?;
-            planned_cell(&mut subjects, plan, turns_deg, capacity)
+            planned_cell(&mut subjects, plan, angles_deg, capacity)
         };
         let cells: Vec<_> = plans.into_iter().map(cell).collect::<Result<_>>()?;
         if request.cells.is_empty() || !cells.is_empty() {
@@ -181,7 +182,7 @@ pub fn plan(
 fn planned_cell(
     subjects: &mut Subjects,
     plan: CellPlan,
-    turns_deg: Option<&[f64]>,
+    angles_deg: Option<&[f64]>,
     capacity: &Capacity,
 ) -> Result<PlannedCell> {
     let CellPlan { experiment, cell, .. } = &plan;
@@ -190,7 +191,7 @@ fn planned_cell(
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
     let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
-    let views = turns_deg.and_then(|turns_deg| views::twice(&of_cell, turns_deg));
+    let views = angles_deg.and_then(|angles_deg| views::twice(&of_cell, angles_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
         let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;

@@ -28,9 +28,11 @@ pub struct NoiseAndBias {
 
 /// Draws every repetition once, and gives what is asked of each output. That whose grids lie as the cell's own is drawn already.
 pub fn noise_and_bias(
-    (gpu, timer): (&Gpu, &mut FrameTimer),
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
     references: &mut References,
-    (own, drawn): (&Subject, &AnyPipeline),
+    own: &Subject,
+    drawn: &AnyPipeline,
     planned: &PlannedRepetitions,
     outputs: &[RepeatedOutput],
 ) -> Result<NoiseAndBias> {

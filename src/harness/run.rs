@@ -100,7 +100,7 @@ pub fn run(
     let profile = profile(options, resumed.as_ref(), &gpu);
     let part = options.request.part;
     if let Some(held) = &resumed {
-        check_same_request(held, (&options.command, &asked), &experiments)?;
+        check_same_request(held, &options.command, &asked, &experiments)?;
     }
     let in_time = || match options
         .budget_s
@@ -112,8 +112,7 @@ pub fn run(
         ),
     };
     let (request, catalog) = (&options.request, &options.catalog);
-    let mut planned =
-        plan::plan(experiments, request, profile, (&gpu.capacity, catalog), &in_time)?;
+    let mut planned = plan::plan(experiments, request, profile, &gpu.capacity, catalog, &in_time)?;
     in_time()?;
     let held = match resumed {
         Some(held) => held,
@@ -146,14 +145,14 @@ pub fn run(
     let now = Instant::now();
     if !options.no_ceilings {
         let is_short = budget_s < MIN_BUDGET_OF_CEILINGS_S || in_time().is_err();
-        measure_limits((&gpu, plan), &mut header, &held.before, is_short)?;
+        measure_limits(&gpu, plan, &mut header, &held.before, is_short)?;
     }
     spent.since(now, SetUp::Ceilings);
     let mut measurement = Measurement {
         group_bytes: if gpu.adapter.software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
         round: next_round(&held.before).max(part.map_or(0, Part::first_round)),
-        session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
+        session: Session::new(gpu, options.gpu.clone(), plan, header.ceilings.clone(), spent)?,
         output: RunOutput {
             start,
             records: held.before.clone(),
@@ -186,7 +185,8 @@ fn finished(
 /// Puts the adapter's limits into the header, or why they were not measured. A fault that leaves the device does not keep it from
 /// the cells.
 fn measure_limits(
-    (gpu, plan): (&Gpu, ClockPlan),
+    gpu: &Gpu,
+    plan: ClockPlan,
     header: &mut Run,
     before: &[Record],
     is_short: bool,
@@ -262,7 +262,8 @@ fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], precision: f6
 /// A resumed run has the experiments, settings and part that it was begun with: figures of several would stand beside each other.
 fn check_same_request(
     held: &Recording,
-    (command, asked): (&[String], &Vec<String>),
+    command: &[String],
+    asked: &Vec<String>,
     experiments: &[Experiment],
 ) -> Result<()> {
     const SETTINGS: [(&str, bool); 2] = [("--set", true), ("--shard", true)];
@@ -379,7 +380,7 @@ fn header(options: &RunOptions, gpu: &Gpu, audit: &Audit, profile: Profile, seed
 
 /// For all cells that lack their precision, each as many times as its experiment's weight. Cells that are not timed take no time.
 fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &Schedule) -> f64 {
-    let (per_cell_s, most_s): (f64, f64) = match profile {
+    let (per_cell_s, max_s): (f64, f64) = match profile {
         Profile::Quick => (6.0, 240.0),
         Profile::Paper => (20.0, 1_800.0),
     };
@@ -391,7 +392,7 @@ fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &
         });
         planned.experiment.weight * due.count() as f64
     });
-    (SET_UP_S + weights.sum::<f64>() * per_cell_s).min(most_s)
+    (SET_UP_S + weights.sum::<f64>() * per_cell_s).min(max_s)
 }
 
 struct Measurement<'a> {
@@ -512,9 +513,14 @@ impl Measurement<'_> {
             seed: self.seed,
             first_round: self.round,
         };
-        let planned = (batch.experiment, &self.planned[batch.experiment]);
-        let known = (&mut self.progress[batch.experiment], &mut self.schedule);
-        let mut executor = CellExecutor::new(&mut self.session, &mut self.output, planned, known);
+        let mut executor = CellExecutor::new(
+            &mut self.session,
+            &mut self.output,
+            batch.experiment,
+            &self.planned[batch.experiment],
+            &mut self.progress[batch.experiment],
+            &mut self.schedule,
+        );
         self.round = sample::sample(&mut executor, &batch.cells, &settings, self.interrupted)?;
         self.session.gpu.drop_pipelines();
         Ok(())

@@ -392,8 +392,8 @@ mod tests {
             self.batches += 1;
             let stormy = if self.batches.is_multiple_of(6) { self.storm } else { 1.0 };
             let launch = |_| {
-                let turns = self.launched as f64 / PLAIN as f64 + self.drift.1;
-                let drift = self.drift.0 * (std::f64::consts::TAU * turns).sin();
+                let cycles = self.launched as f64 / PLAIN as f64 + self.drift.1;
+                let drift = self.drift.0 * (std::f64::consts::TAU * cycles).sin();
                 self.launched += 1;
                 // One launch in twenty is disturbed.
                 let disturbed = self.random.random_bool(0.05);
@@ -466,10 +466,10 @@ mod tests {
 
     #[test]
     fn the_revision_is_found_in_fewer_launches_and_with_the_probability_that_is_told() {
-        for (step, least_found) in [(0.05, 0.84), (0.02, 0.28)] {
+        for (step, min_found) in [(0.05, 0.84), (0.02, 0.28)] {
             let ended =
                 ended(&format!("step {step}"), |seed| StepHistory::new(seed, step, LAUNCHES));
-            assert!(ended.found >= least_found && ended.right >= RIGHT, "{ended:?}");
+            assert!(ended.found >= min_found && ended.right >= RIGHT, "{ended:?}");
             assert!(ended.held >= HELD, "{ended:?}");
             assert!(step < 0.05 || ended.launches <= 0.6 * PLAIN as f64, "{ended:?}");
         }

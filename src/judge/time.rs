@@ -240,8 +240,8 @@ fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> 
             cell.verdict = if slower { TimeVerdict::Slower } else { TimeVerdict::Faster };
         }
         let shift = rank::detectable(cell.max_launches(settings), level);
-        let least = |shift: f64| (bound + shift * deviation(&cell.launches)).exp_m1();
-        cell.detectable = shift.map(least);
+        let slowdown = |shift: f64| (bound + shift * deviation(&cell.launches)).exp_m1();
+        cell.detectable = shift.map(slowdown);
     }
     cells
 }

@@ -93,8 +93,8 @@ impl Fenced {
 
     /// The stage's times, where no longer than the resolution the resolution itself.
     pub fn samples_ns(&self) -> Vec<f64> {
-        let at_least = |ns: f64| ns.max(self.resolution_ns);
-        self.differences_ns().map(at_least).collect()
+        let clamp = |ns: f64| ns.max(self.resolution_ns);
+        self.differences_ns().map(clamp).collect()
     }
 }
 

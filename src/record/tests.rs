@@ -224,8 +224,8 @@ fn resume_keys_ignore_the_order_of_parameters_but_not_their_values() {
         Cell { params: params.into(), ..*cell }.resume_key()
     };
     let one = json!({ "a": { "x": 1, "y": 2 }, "b": 3 });
-    let turned = json!({ "b": 3, "a": { "y": 2, "x": 1 } });
+    let reordered = json!({ "b": 3, "a": { "y": 2, "x": 1 } });
     let other = json!({ "b": 3, "a": { "y": 2, "x": 9 } });
-    assert_eq!(key(one.clone()), key(turned));
+    assert_eq!(key(one.clone()), key(reordered));
     assert_ne!(key(one), key(other));
 }

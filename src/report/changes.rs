@@ -214,15 +214,15 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Vec<Block> {
     groups.sort_by(|a, _, b, _| (a.0, a.1).cmp(&(b.0, b.1)));
     let row = |((better, ..), group): (&(bool, bool, &str), &Vec<&Difference>)| {
         let share = |d: &&&Difference| ((d.head - d.base) / d.base).abs();
-        let most =
+        let largest =
             group.iter().max_by(|a, b| share(a).total_cmp(&share(b))).expect("a group holds one");
         let cells = group.iter().map(|difference| configuration(difference)).unique().count();
         let word = if *better { "not worse" } else { "worse" };
-        let place = match &most.scope {
+        let place = match &largest.scope {
             DifferenceScope::Cell(cell) => cell.to_string(),
-            _ => configuration(most).to_owned(),
+            _ => configuration(largest).to_owned(),
         };
-        [word.to_owned(), count_noun(cells, "cell"), rows::format_change(most), place]
+        [word.to_owned(), count_noun(cells, "cell"), rows::format_change(largest), place]
     };
     let rows = groups.iter().map(row).collect_vec();
     let mut lead = vec![match rows.len() {

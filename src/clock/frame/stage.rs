@@ -42,7 +42,7 @@ impl StageTime {
     }
 
     /// The time, or the resolution where that is longer.
-    pub fn at_least_resolution_ns(&self) -> f64 {
+    pub fn ns_or_resolution(&self) -> f64 {
         self.ns.max(self.resolution_ns)
     }
 }
