@@ -30,7 +30,7 @@ use serde_json::{Value, json};
 
 use super::{AdapterArgs, AnswerArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs, WorkerArgs};
 
-/// Where figures go that are not told where.
+/// Default folder of published figures.
 const FIGURES_FOLDER: &str = "figures";
 /// A cell, a check or a figure failed.
 pub const SOMETHING_FAILED: u8 = 1;
@@ -47,14 +47,14 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> ExitResult {
         resume: args.resume,
         seed: args.seed,
         no_ceilings: args.no_ceilings,
-        ..begun(catalog, &args.measured)?
+        ..shared_options(catalog, &args.measured)?
     };
     watch_interrupts()?;
     measure(args.measured.png, &RunOptions { request: request(args), ..options }, start)
 }
 
-/// What a run and a sweep are told alike. On a software adapter the process begins again on one core.
-pub fn begun(catalog: &Catalog, args: &MeasureArgs) -> anyhow::Result<RunOptions> {
+/// The options that a run and a sweep share. On a software adapter the process begins again on one core.
+pub fn shared_options(catalog: &Catalog, args: &MeasureArgs) -> anyhow::Result<RunOptions> {
     let gpu = gpu_options(catalog, &args.adapter);
     on_one_core(&gpu)?;
     Ok(RunOptions {

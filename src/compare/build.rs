@@ -1,5 +1,5 @@
-//! Builds of revisions. Of each repository one checkout and one target folder are kept in the user's cache, where no file of another
-//! revision lies above them, and cargo judges what of them is fresh.
+//! Builds of revisions. One checkout and one target folder of each repository are kept in the user's cache, and cargo builds only what
+//! changed. The cache lies outside the repository, where cargo would find files of another revision above the checkout.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -373,7 +373,7 @@ pub fn store_program(built: &Path, program: &Path) -> Result<()> {
     copied.map_err(|error| anyhow!("cannot copy {}: {error}", built.display()))
 }
 
-/// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.
+/// A copy of a program for one comparison, which another build meanwhile does not change. It is removed when this is dropped.
 pub struct ProgramCopy {
     /// Held for its removal.
     _folder: TempDir,

@@ -1,4 +1,4 @@
-//! Both builds prepare every configuration: which cells they have in common, and their exact figures.
+//! The exact gate: both builds prepare every configuration; gives the cells that both have, their exact figures and their checks.
 
 use sha2::{Digest, Sha256};
 
@@ -9,7 +9,7 @@ use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
 
-/// One side: how to start its worker, and the worker while it lives.
+/// A side with its worker, which is started again after it died.
 pub struct ExactGateSide<'a> {
     start: WorkerStart,
     waiting: ReplyWait<'a>,
@@ -29,7 +29,7 @@ impl<'a> ExactGateSide<'a> {
         self.worker()?.greet(&waiting)
     }
 
-    /// What its side is: the program, or of a command the text and the files that its worker runs.
+    /// SHA-256 of the side's program; of a command, of its text and of the files that its worker runs.
     pub fn digest(&self) -> std::io::Result<String> {
         let Some(text) = &self.start.command else {
             return input::open(&self.start.program).and_then(input::sha256);
@@ -69,7 +69,7 @@ impl<'a> ExactGateSide<'a> {
     }
 }
 
-/// Prepares a configuration on both sides at once. Gives what of it both have, and the faults of what one lacks.
+/// Prepares a configuration on both sides at once. Gives the stages that both have, and a fault for each that one lacks.
 pub fn prepare(
     builds: &mut [ExactGateSide<'_>; 2],
     configuration: &GateConfiguration,
@@ -129,7 +129,7 @@ fn both(
 
 /// The stages that both sides have, and faults for the others.
 ///
-/// What only the base does not know is new in the head. All else that a side lacks is a failure.
+/// A stage that only the base does not know is new in the head. Any other stage that a side lacks is a failure.
 fn present(
     configuration: &GateConfiguration,
     replies: [Result<Reply, WorkerFault>; 2],

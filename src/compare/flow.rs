@@ -69,7 +69,7 @@ impl CompareOptions {
     }
 }
 
-/// Measures what `options` ask for into a folder and gives it with its lines. `tell` takes a line for each step.
+/// Measures what `options` ask for into a folder and gives it with its lines. `report` takes a line for each step.
 pub fn measure(
     options: &CompareOptions,
     taken: LockedFolder,
@@ -133,7 +133,7 @@ pub fn lock_output(
     }
 }
 
-/// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
+/// How to start a side's worker of the exact gate. Both run at once, each on a core of its own where there are two.
 fn start_build<'a>(
     options: &CompareOptions,
     side: Side,

@@ -25,7 +25,7 @@ const SAMPLE_NS: f64 = 3e5;
 /// Most frames of a sample.
 const MAX_FRAMES: f64 = 8.0;
 
-/// What the first worker of a side has told.
+/// What the first worker of a side reports.
 #[derive(Clone, Debug)]
 pub struct ProbedSide {
     pub adapter: Adapter,
@@ -226,7 +226,7 @@ fn order(launch: u32, control: bool) -> Vec<WorkerRole> {
     order
 }
 
-/// The cores in turn.
+/// The cores one after the other.
 fn core(cores: &[usize], index: usize) -> Option<usize> {
     (!cores.is_empty()).then(|| cores[index % cores.len()])
 }

@@ -1,11 +1,11 @@
-//! The time gate's schedule: which worker samples which cell when, and what is kept when a worker fails.
+//! Launches of the time gate: which worker samples which cell when, and what is kept when a worker fails.
 //!
 //! A *launch* is a fresh pair of workers, and two more for the control. In each of its rounds every cell is sampled once by
 //! each side, one right after the other; the order of cells is drawn anew each round, and which side comes first is drawn so
 //! that each comes first in half of the rounds. The control is sampled by two workers of its own, both of the base.
 //!
-//! Cells that this first measurement leaves open are measured once more, by as many launches of more rounds: most of the
-//! scatter between launches is scatter between pairs. The second measurement stands for itself.
+//! Cells that this first measurement leaves open are measured a second time, by as many launches of more rounds: most of the
+//! scatter between launches is scatter between pairs. The verdict then uses the second measurement alone.
 //!
 //! A launch counts when it has gone through all its rounds. One in which a worker died is discarded and run anew without the
 //! cell that killed it.
@@ -24,10 +24,10 @@ use fathom_judge::schedule::GateSchedule;
 use fathom_record::MachineState;
 use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
 
-/// Launches that may fail for no cell's sake before the gate is given up.
+/// The gate is given up after so many failed launches that no cell caused.
 const MAX_BROKEN_LAUNCHES: u32 = 2;
 
-/// What a worker of a launch is there for.
+/// Role of a worker in a launch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display)]
 pub enum WorkerRole {
     #[strum(to_string = "base")]

@@ -1,4 +1,4 @@
-//! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
+//! Executor on the real device: builds cells, runs their frames, and writes their records.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -359,7 +359,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, &built)));
         let counted = self.count(cell, &built.pipeline);
         if let Some(reason) = self.session.gpu.loss_reason() {
-            // What could not be found then is not missing for ever.
+            // A later attempt may find what could not be found then.
             return Err(sample::device_lost(&reason));
         }
         counted.map_err(|error| error.to_string())?;

@@ -110,7 +110,7 @@ pub struct PlannedCell {
     pub declared_s: f64,
     /// Beyond what the adapter can take, with the numbers.
     pub skip: Option<String>,
-    /// What its result is held against; see [`CellPlan::reference`].
+    /// The run that its result is compared with; see [`CellPlan::reference`].
     pub reference: Option<Subject>,
     /// The same and seen from elsewhere, where the experiment asks for views.
     pub views: Option<Vec<[Subject; 2]>>,
@@ -149,8 +149,8 @@ pub fn expand(
     Ok(expanded)
 }
 
-/// Expands and resolves `experiments` and holds each cell against what the adapter can take. `in_time` is asked before each cell; its
-/// error ends this.
+/// Expands and resolves `experiments`, and compares each cell with the adapter's limits. `in_time` is asked before each cell; its error
+/// ends this.
 pub fn plan(
     experiments: Vec<Experiment>,
     request: &Request,

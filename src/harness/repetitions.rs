@@ -77,7 +77,7 @@ impl OutputNoise {
         let (halves, whole) = ([half(0), half(1)], mean_image(images.iter()));
         let level = mean(whole.iter().copied());
         ensure!(level > 0.0, "the image is black");
-        // A repetition is part of the mean that it is held against, so that its difference from it is too small by this factor.
+        // A repetition is part of the mean that it is compared with, so that its difference from it is too small by this factor.
         // Places that are spread evenly make it up to √(n / (n − 1)) too large, in every cell alike.
         let own = count / (count - 1.0);
         let noise = images

@@ -1,5 +1,5 @@
-//! `fathom run`: batch after batch of cells as [`schedule`](super::schedule) has it, a record after every cell, and every now and
-//! then a report by whoever wants it. All of it, set-up included, takes no more than the time budget.
+//! `fathom run`: measures batches of cells in the order of [`schedule`](super::schedule), writes a record after every cell and a report
+//! from time to time. The time budget covers all of it, set-up included.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ const GPU_GROUP_BYTES: u64 = 2 << 30;
 
 /// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
 const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
-/// So much of a budget is not left without a word, seconds.
+/// A run that leaves more of its budget than this says why, seconds.
 const LEFT_S: f64 = 5.0;
 /// What a default budget has for set-up beside the time of its cells.
 const SET_UP_S: f64 = 30.0;
@@ -135,7 +135,7 @@ pub fn run(
     let earlier = record::earlier(&held.before, &header);
     let finished = finished(&planned, &earlier);
     plan::drop_finished(&mut planned, &earlier);
-    let deadly = drop_deadly(&mut planned, &held.before, &header, &earlier);
+    let crashed = fail_crashed_cells(&mut planned, &held.before, &header, &earlier);
     let progress: Vec<CellProgress> =
         planned.iter().map(|planned| CellProgress::new(planned, &held.before, &earlier)).collect();
     let precision = options.precision.unwrap_or(profile.precision());
@@ -168,7 +168,7 @@ pub fn run(
         interrupted,
     };
     measurement.begin()?;
-    measurement.output.finish_all(deadly)?;
+    measurement.output.finish_all(crashed)?;
     measurement.measure()?;
     measurement.end()
 }
@@ -206,23 +206,23 @@ fn measure_limits(
     Ok(())
 }
 
-/// Takes out the cells in which two processes ended, and gives their records. What was sampled of a cell did not end the process.
-fn drop_deadly(
+/// Marks cells that crashed two processes as failed: takes them out of the plan and gives their records. Cells with samples did not crash.
+fn fail_crashed_cells(
     planned: &mut [PlannedExperiment],
     before: &[Record],
     header: &Run,
     earlier: &BTreeMap<String, Earlier<'_>>,
 ) -> Vec<Cell> {
-    let deadly = record::crashed_cells(before);
-    let is_deadly = |cell: &PlannedCell| {
+    let crashed = record::crashed_cells(before);
+    let has_crashed = |cell: &PlannedCell| {
         !earlier.contains_key(&cell.resume_key)
-            && !deadly.is_empty()
-            && deadly.contains(&executor::begin_record(header, cell).id)
+            && !crashed.is_empty()
+            && crashed.contains(&executor::begin_record(header, cell).id)
     };
     let reason = "two processes ended while they built it or rendered its first frame";
     let failed = |cell: PlannedCell| cell.record(Outcome::Failed { reason: reason.to_owned() });
     let of = |planned: &mut PlannedExperiment| -> Vec<Cell> {
-        planned.cells.extract_if(.., |cell| is_deadly(cell)).map(failed).collect()
+        planned.cells.extract_if(.., |cell| has_crashed(cell)).map(failed).collect()
     };
     planned.iter_mut().flat_map(of).collect()
 }

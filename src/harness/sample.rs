@@ -5,9 +5,9 @@
 //! ([`visit`]): so the machine's drift affects all of them alike. A visit renders a frame of each of its cells with
 //! per-stage timing and one without: the ratio of the two is the cost of timing.
 //!
-//! A batch ends when its cells have the pairs of its [`Goal`]. Then somebody looks at the samples and decides what is sampled on
-//! (`harness::schedule`). A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow
-//! for that many looks. Cells whose times nobody asks for render one frame.
+//! A batch ends when its cells have the pairs of its [`Goal`]. Then `harness::schedule` looks at the samples and chooses the next batch.
+//! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks. Cells
+//! whose times are not asked for render one frame.
 //!
 //! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline. What was
 //! foreseen may be wrong: once the deadline is over no further step begins, be it a frame or the reading of a cell's figures.
@@ -54,7 +54,7 @@ pub enum Failure {
     DeviceLost(String),
 }
 
-/// What the scheduler schedules. Cells are told apart by the caller's index.
+/// Takes the steps that the scheduler chooses. A cell is named by the caller's index.
 pub trait Executor {
     /// An error that ends the run, such as a full disk.
     type Fatal;

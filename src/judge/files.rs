@@ -46,7 +46,7 @@ struct LastRun<'a> {
 pub struct SameCells<'a> {
     pub comparison: Comparison,
     pub cells: MatchedCells<'a>,
-    /// Why the times may not even stand beside each other.
+    /// Why the times of the two runs must not be compared.
     pub untimed: Option<String>,
 }
 
@@ -136,7 +136,7 @@ fn last_run(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
     Ok(LastRun { run, cells, notes })
 }
 
-/// Why the times of two runs may not stand beside each other. Two versions of one driver may: what that changes is of interest.
+/// Why the times of two runs must not be compared. Those of two versions of one driver may be: what a new version changes is of interest.
 fn check_comparable(base: &Run, head: &Run) -> Result<(), String> {
     if AdapterRelation::between(&base.adapter, &head.adapter).is_judged() {
         return same_shaders(base, head);
@@ -161,10 +161,10 @@ fn same_shaders(base: &Run, head: &Run) -> Result<(), String> {
     if a == b { Ok(()) } else { Err(format!("shaders {a} and {b}")) }
 }
 
-/// What the cells of two files amount to.
+/// The exact figures of the cells that both files have.
 #[derive(Default)]
 struct Contents {
-    /// Counters may stand beside each other: they belong to a driver, like times.
+    /// Counters are comparable only within one driver, as times are.
     same_driver: bool,
     comparison: Comparison,
 }

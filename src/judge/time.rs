@@ -1,4 +1,4 @@
-//! What the pairs of the time gate say: a function of stored lines alone.
+//! The time gate's verdicts, from the stored pairs alone.
 //!
 //! A pair's figure is ln(head / base), as drift affects both of its sides. Who is sampled second in a pair finds the caches
 //! warmer, by up to 4 % of a sample, so a launch's figure of a cell is the median over all means of a pair in which the base
@@ -44,7 +44,7 @@ pub enum TimeVerdict {
 /// were (llvmpipe).
 pub const LOOK: u32 = 8;
 
-/// What the time gate says of a cell.
+/// The time gate's result for a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellTime {
     pub cell: CellId,
@@ -154,7 +154,7 @@ impl ThrottledLaunches {
     }
 }
 
-/// What the time gate says.
+/// The result of the time gate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TimeGate {
     /// In the order asked for; cells without any pair are left out.

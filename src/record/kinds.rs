@@ -1,4 +1,4 @@
-//! What records tell apart: kinds of notes, of pictures, of frames that were not used, and the conditions of a run.
+//! Kinds of notes, pictures, rejected frames and profiles in records.
 
 use std::fmt;
 

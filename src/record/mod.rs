@@ -1,5 +1,4 @@
-//! The waist of the tool: one line of JSON per record. Measuring writes records and never formats;
-//! reports read records and never measure.
+//! Records: one line of JSON each. Measuring writes records and never formats; reports read records and never measure.
 //!
 //! A file holds one [`Run`] line, a [`Definition`] line per experiment, then [`Cell`] lines in the order in
 //! which they were written, then one [`End`] line. [`Begun`] lines lie between them. A resumed file may hold several runs, and several
@@ -218,7 +217,7 @@ pub struct Adapter {
 }
 
 impl Adapter {
-    /// Its name, with what was taken away from it: nobody is to take its figures for those of the adapter as it is.
+    /// Its name, with what was taken away from it: figures of a masked adapter are not those of the adapter.
     pub fn title(&self) -> String {
         let Self { name, mask, .. } = self;
         if mask.is_none() { name.clone() } else { format!("{name}, masked: {mask}") }

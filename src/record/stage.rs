@@ -67,7 +67,7 @@ impl StageRecord {
         }
     }
 
-    /// The duration below which times cannot be told from none; 0 where no cost was taken off.
+    /// The clock's resolution: a shorter time is indistinguishable from zero; 0 where no cost was taken off.
     pub fn resolution_ns(&self) -> f64 {
         self.fenced.as_ref().map_or(0.0, |fenced| fenced.resolution_ns)
     }
@@ -81,7 +81,7 @@ pub struct Fenced {
     pub wall_samples_ns: Vec<f64>,
     /// The cost that was taken off in each frame, nanoseconds.
     pub submit_cost_samples_ns: Vec<f64>,
-    /// A shorter time cannot be told from none, as the cost scatters: the median over the frames, nanoseconds.
+    /// A shorter time is indistinguishable from zero, as the cost scatters: the median over the frames, nanoseconds.
     pub resolution_ns: f64,
 }
 

@@ -7,7 +7,7 @@ use maud::{Markup, PreEscaped, html};
 use fathom_base::text;
 use fathom_experiments::Verdict;
 
-/// How a reader takes a word: by a colour and a mark beside it.
+/// Judgement that a word carries: a colour and a mark beside it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     Bad,

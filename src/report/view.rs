@@ -1,4 +1,4 @@
-//! Records in the order in which a report tells them: the run, then each experiment with its cells, once each.
+//! Records in the order of a report: the run, then each experiment with its cells, once each.
 
 use std::cell::OnceCell;
 use std::cmp::Ordering;

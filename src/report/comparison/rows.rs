@@ -1,4 +1,4 @@
-//! What terminal and Markdown say alike, as text.
+//! Texts that the terminal and Markdown reports of a comparison share.
 
 use std::collections::BTreeSet;
 
@@ -61,7 +61,7 @@ fn rounded(value: f64, digits: usize) -> f64 {
     (value * scale).round() / scale + 0.0
 }
 
-/// `+5.1 % (4.2 … 6.0)`, and with times of different adapters that they are.
+/// `+5.1 % (4.2 … 6.0)`, with a remark where the times are of different adapters.
 pub fn change(time: &CellTime) -> String {
     let interval = match time.change.interval {
         Some(Interval { low, high }) => {

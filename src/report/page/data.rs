@@ -43,7 +43,7 @@ fn rows(measured: &Measured) -> Vec<[String; 6]> {
     of_frame.into_iter().chain(stages).collect()
 }
 
-/// Name, median, least and largest in ms, number of samples, clock. `below_ns` is the duration below which none can be told from none.
+/// Name, median, minimum and maximum in ms, number of samples, clock. `below_ns` is the clock's resolution where the time is below it.
 fn row(name: &str, samples_ns: &[f64], clock: &str, below_ns: Option<f64>) -> [String; 6] {
     let ms = |ns: f64| three(ns / NS_PER_MS);
     let [median, min, max] = match below_ns {
