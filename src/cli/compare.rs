@@ -221,10 +221,9 @@ impl PreparedSide {
 fn two_runs(paths: [&PathBuf; 2], gates: &[Gate]) -> ExitResult {
     let [base, head] = [RunFile::read(paths[0])?, RunFile::read(paths[1])?];
     let changes = RunChanges::from_files([&base, &head], gates)?;
-    let status = changes.status;
-    let headline = format!("{status} (status {}): {}", status as u8, changes.headline);
-    print::answer(RunChanges { headline, ..changes }.into_text());
-    Ok(ExitCode::from(status as u8))
+    let status = changes.status as u8;
+    print::answer(changes.into_text());
+    Ok(ExitCode::from(status))
 }
 
 /// Prints one of the tables of a folder, and writes all of them.

@@ -1,13 +1,12 @@
 //! Comparison of the records of two runs: which cells both have, and the exact figures of these.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use itertools::Itertools;
 
 use crate::adapters::AdapterRelation;
-use crate::matched_cells::{MatchedCells, redefinition};
+use crate::matched_cells::{MatchedCells, RunCells, redefinition};
 use crate::store::Comparison;
 use fathom_base::private;
 use fathom_record as record;
@@ -15,9 +14,8 @@ use fathom_record::comparison::{
     CellId, ComparisonEnd, ConfigurationFigures, ExactFigures, Fault, Gate, Side, Skip,
 };
 use fathom_record::output::RECORDS;
-use fathom_record::{
-    Adapter, Cell, Measured, OVER_BUDGET, Outcome, Record, RecordError, RecordFile, Run,
-};
+use fathom_record::protocol::with_driver;
+use fathom_record::{Cell, Measured, OVER_BUDGET, Outcome, Record, RecordError, RecordFile, Run};
 
 /// The file of a run's records, as it was read.
 pub struct RunFile {
@@ -37,8 +35,7 @@ impl RunFile {
 
 struct LastRun<'a> {
     run: &'a Run,
-    /// By settings key: the same pipeline, scene and parameters.
-    cells: BTreeMap<String, &'a Cell>,
+    cells: RunCells<'a>,
     notes: Vec<String>,
 }
 
@@ -54,13 +51,11 @@ impl<'a> SameCells<'a> {
     /// By these gates: where times are asked for, they are said not to be judged.
     pub fn compare([base, head]: [&'a RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
         let [base, head] = [last_run(base)?, last_run(head)?];
-        let untimed = check_comparable(base.run, head.run).err();
-        let cells = MatchedCells::match_runs(&base.cells, &head.cells);
+        // Two versions of one driver are compared: what a new version changes is of interest.
+        let untimed = check_comparable(base.run, head.run, AdapterRelation::is_judged).err();
+        let cells = MatchedCells::match_runs(base.cells.clone(), head.cells.clone());
         let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
-        let mut ids = BTreeMap::new();
-        for pair in &cells.pairs {
-            contents.add(&numbered(name(pair[0]), &mut ids), *pair);
-        }
+        cells.pairs.iter().for_each(|pair| contents.add(&name(pair[0]), *pair));
         if contents.comparison.configurations.is_empty() {
             bail!("the files have no measured cell in common: {}", why_none(&base, &head, &cells));
         }
@@ -97,27 +92,18 @@ fn name(cell: &Cell) -> String {
     format!("{}:{}", cell.experiment, cell.cell)
 }
 
-/// The name, with a number if it was met before: cells may differ in parameters that are no axes.
-fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
-    let count = met.entry(name.clone()).or_default();
-    *count += 1;
-    match *count {
-        1 => name,
-        n => format!("{name} ({n})"),
-    }
-}
-
 /// The run of a file, and its cells: of several runs the last, with what goes together with it.
 fn last_run(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
     let RunFile { path, reading } = file;
     let name = private::path(path);
     let mut notes: Vec<String> = reading.damaged.notice(Path::new(&name)).into_iter().collect();
     let mut last: Option<&Run> = None;
-    let mut cells = BTreeMap::new();
+    let mut cells = RunCells::new();
     for record in &reading.records {
         match record {
             Record::Run(run) => {
-                if let Some(Err(reason)) = last.map(|last| comparable(last, run)) {
+                let is_same = |relation| relation == AdapterRelation::Same;
+                if let Some(Err(reason)) = last.map(|last| check_comparable(last, run, is_same)) {
                     cells.clear();
                     notes.push(format!("{name}: only its last run counts: {reason}"));
                 }
@@ -126,7 +112,7 @@ fn last_run(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
             Record::Cell(cell) => {
                 // What a kill left of a cell is no figure to compare.
                 if cell.measured().is_none_or(Measured::is_finished) {
-                    cells.insert(cell.settings_key(), cell.as_ref());
+                    cells.insert((&cell.experiment, &cell.cell), cell.as_ref());
                 }
             }
             Record::Experiment(_) | Record::Begun(_) | Record::End(_) | Record::Comparison(_) => {}
@@ -136,27 +122,16 @@ fn last_run(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
     Ok(LastRun { run, cells, notes })
 }
 
-/// Why the times of two runs must not be compared. Those of two versions of one driver may be: what a new version changes is of interest.
-fn check_comparable(base: &Run, head: &Run) -> Result<(), String> {
-    if AdapterRelation::between(&base.adapter, &head.adapter).is_judged() {
-        return same_shaders(base, head);
+/// Why the figures of two runs must not be compared whose adapters `is_comparable` judges.
+fn check_comparable(
+    base: &Run,
+    head: &Run,
+    is_comparable: impl Fn(AdapterRelation) -> bool,
+) -> Result<(), String> {
+    if !is_comparable(AdapterRelation::between(&base.adapter, &head.adapter)) {
+        let adapters = [base, head].map(|run| with_driver(&run.adapter));
+        return Err(format!("times of different adapters or drivers: {}", adapters.join(" and ")));
     }
-    comparable(base, head)
-}
-
-/// Why cells of two runs in one file may not be mixed.
-fn comparable(base: &Run, head: &Run) -> Result<(), String> {
-    let named = |adapter: &Adapter| {
-        format!("{} ({} {})", adapter.title(), adapter.driver, adapter.driver_info)
-    };
-    let (a, b) = (named(&base.adapter), named(&head.adapter));
-    if a != b || base.adapter.backend != head.adapter.backend {
-        return Err(format!("times of different adapters or drivers: {a} and {b}"));
-    }
-    same_shaders(base, head)
-}
-
-fn same_shaders(base: &Run, head: &Run) -> Result<(), String> {
     let (a, b) = (base.shader_checks, head.shader_checks);
     if a == b { Ok(()) } else { Err(format!("shaders {a} and {b}")) }
 }

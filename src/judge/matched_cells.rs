@@ -1,4 +1,4 @@
-//! Cells of two runs, matched by what they ask for.
+//! Cells of two runs, matched by their names and by what they ask for.
 
 use std::collections::BTreeMap;
 
@@ -9,6 +9,9 @@ use fathom_record::Cell;
 
 /// Differences that are named.
 const MAX_NAMED: usize = 3;
+
+/// Cells of a run by experiment and name.
+pub type RunCells<'a> = BTreeMap<(&'a str, &'a str), &'a Cell>;
 
 /// Cells of two runs by what became of them.
 #[derive(Default)]
@@ -22,33 +25,22 @@ pub struct MatchedCells<'a> {
 }
 
 impl<'a> MatchedCells<'a> {
-    /// Of cells by their settings keys.
-    pub fn match_runs(
-        base: &BTreeMap<String, &'a Cell>,
-        head: &BTreeMap<String, &'a Cell>,
-    ) -> Self {
-        let name = |cell: &'a Cell| (cell.experiment.as_str(), cell.cell.as_str());
-        let is_pair = |base: &Cell, head: &Cell| base.has_same_sources(head) != Some(false);
+    pub fn match_runs(mut base: RunCells<'a>, head: RunCells<'a>) -> Self {
         let mut cells = Self::default();
-        let mut left = BTreeMap::new();
-        for (key, cell) in base {
-            match head.get(key).filter(|of_head| is_pair(cell, of_head)) {
-                Some(of_head) => cells.pairs.push([cell, of_head]),
-                None => drop(left.insert(name(cell), *cell)),
-            }
-        }
-        for (key, cell) in head {
-            if base.get(key).is_some_and(|of_base| is_pair(of_base, cell)) {
-                continue;
-            }
-            match left.remove(&name(cell)) {
+        for (name, cell) in head {
+            match base.remove(&name) {
+                Some(of_base) if is_same(of_base, cell) => cells.pairs.push([of_base, cell]),
                 Some(of_base) => cells.redefined.push([of_base, cell]),
                 None => cells.new.push(cell),
             }
         }
-        cells.missing = left.into_values().collect();
+        cells.missing = base.into_values().collect();
         cells
     }
+}
+
+fn is_same(base: &Cell, head: &Cell) -> bool {
+    base.settings_key() == head.settings_key() && base.has_same_sources(head) != Some(false)
 }
 
 /// What of a cell's definition differs: `view.width 800 → 400`.

@@ -69,10 +69,15 @@ impl RunChanges {
             untimed.is_none() && frames.iter().any(|frame| std::ptr::eq(frame.cell, cells[1]))
         };
         let times = timed.clone().filter(is_shown).flat_map(time_rows).collect();
+        let status = verdicts.status;
         let doubts = comparison.header.notes.iter().cloned().chain(noisy_runs(&views));
         Ok(Self {
-            status: verdicts.status,
-            headline: format!("{}; {not_judged}", exact_headline(verdicts)),
+            status,
+            headline: format!(
+                "{status} (status {}): {}; {not_judged}",
+                status as u8,
+                exact_headline(verdicts)
+            ),
             blocks: [
                 vec![Block::list(doubts)],
                 machine_block(&views, [base, head].map(|file| shown_file(&file.path))),
