@@ -84,10 +84,13 @@ mod tests {
             }
             let whole = names(&expanded);
             assert_eq!((count, all.len()), (whole.len(), whole.len()), "{of} shards");
-            let most = names(&shard_cells(1, of, &experiments, &expanded)).len();
-            let least = names(&shard_cells(of, of, &experiments, &expanded)).len();
+            let first_count = names(&shard_cells(1, of, &experiments, &expanded)).len();
+            let last_count = names(&shard_cells(of, of, &experiments, &expanded)).len();
             let largest = units(&experiments, &expanded)[0].cells.len();
-            assert!(most - least <= largest, "{of} shards: {most} and {least} cells");
+            assert!(
+                first_count - last_count <= largest,
+                "{of} shards: {first_count} and {last_count} cells"
+            );
         }
     }
 

@@ -93,11 +93,11 @@ pub fn holm(probabilities: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..probabilities.len()).collect();
     order.sort_by(|a, b| probabilities[*a].total_cmp(&probabilities[*b]));
     let mut adjusted = vec![1.0; probabilities.len()];
-    let mut least = 0.0_f64;
+    let mut running_max = 0.0_f64;
     for (done, index) in order.iter().enumerate() {
         let left = (probabilities.len() - done) as f64;
-        least = least.max((left * probabilities[*index]).min(1.0));
-        adjusted[*index] = least;
+        running_max = running_max.max((left * probabilities[*index]).min(1.0));
+        adjusted[*index] = running_max;
     }
     adjusted
 }
@@ -109,11 +109,11 @@ pub fn benjamini_hochberg(probabilities: &[f64], tests: usize) -> Vec<f64> {
     let mut order: Vec<usize> = (0..probabilities.len()).collect();
     order.sort_by(|a, b| probabilities[*b].total_cmp(&probabilities[*a]));
     let mut adjusted = vec![1.0; probabilities.len()];
-    let mut least = 1.0_f64;
+    let mut running_min = 1.0_f64;
     for (done, index) in order.iter().enumerate() {
         let rank = (probabilities.len() - done) as f64;
-        least = least.min(probabilities[*index] * tests as f64 / rank);
-        adjusted[*index] = least;
+        running_min = running_min.min(probabilities[*index] * tests as f64 / rank);
+        adjusted[*index] = running_min;
     }
     adjusted
 }
@@ -145,9 +145,9 @@ fn simulated(n: usize, level: f64) -> Option<f64> {
     let last = extreme_sums(n, level).checked_sub(1)?;
     let mut random = Pcg64::seed_from_u64(SEED);
     let mut noise = || -> Vec<f64> { (0..n).map(|_| normal(&mut random)).collect() };
-    let mut least: Vec<f64> = (0..TRIALS).map(|_| -walsh(&noise())[last]).collect();
-    least.sort_by(f64::total_cmp);
-    Some(least[(POWER * TRIALS as f64) as usize])
+    let mut min_shifts: Vec<f64> = (0..TRIALS).map(|_| -walsh(&noise())[last]).collect();
+    min_shifts.sort_by(f64::total_cmp);
+    Some(min_shifts[(POWER * TRIALS as f64) as usize])
 }
 
 /// A standard normal number. Box & Muller, *Ann. Math. Statist.* 29 (1958).

@@ -78,8 +78,8 @@ impl Scale {
     /// where no value is finite.
     pub fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;
-        let least = MIN_SPREAD * low.abs().max(high.abs());
-        let missing = (least - (high - low)).max(0.0) / 2.0;
+        let min_span = MIN_SPREAD * low.abs().max(high.abs());
+        let missing = (min_span - (high - low)).max(0.0) / 2.0;
         Some(Scale::linear(low - missing, high + missing))
     }
 

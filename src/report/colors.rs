@@ -87,8 +87,8 @@ fn family(stage: &str) -> &str {
 }
 
 fn color(hue_deg: f64, index: usize) -> Color {
-    let turns = (index / LIGHTNESS.len()) as f64;
-    let hue = hue_deg + SHIFT_DEG * turns;
+    let cycles = (index / LIGHTNESS.len()) as f64;
+    let hue = hue_deg + SHIFT_DEG * cycles;
     of_oklch(LIGHTNESS[index % LIGHTNESS.len()], CHROMA, hue)
 }
 

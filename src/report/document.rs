@@ -7,7 +7,7 @@ use maud::{Markup, PreEscaped, html};
 use fathom_base::text;
 use fathom_experiments::Verdict;
 
-/// How a reader takes a word: by a colour and a mark beside it.
+/// Judgement that a word carries: a colour and a mark beside it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     Bad,
@@ -185,19 +185,19 @@ pub enum Block {
 
 impl Block {
     /// The same with at most so many rows or items and without what is folded, and words on where the rest is.
-    pub fn truncate(self, most: usize, place: &Line) -> Vec<Block> {
+    pub fn truncate(self, max_count: usize, place: &Line) -> Vec<Block> {
         let more_on =
             |more: usize| Line::from(format!("… and {more} more on the ")).and(place.clone());
         match self {
             Block::Table(mut table) => {
-                let more = table.rows.len().saturating_sub(most);
-                table.rows.truncate(most);
+                let more = table.rows.len().saturating_sub(max_count);
+                table.rows.truncate(max_count);
                 let words = (more > 0).then(|| Block::Paragraph(more_on(more)));
                 std::iter::once(Block::Table(table)).chain(words).collect()
             }
             Block::List(mut lines) => {
-                let more = lines.len().saturating_sub(most);
-                lines.truncate(most);
+                let more = lines.len().saturating_sub(max_count);
+                lines.truncate(max_count);
                 lines.extend((more > 0).then(|| more_on(more)));
                 vec![Block::List(lines)]
             }

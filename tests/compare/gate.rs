@@ -4,12 +4,14 @@ use std::convert::Infallible;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use fathom::compare::bench::Processes;
-use fathom::compare::launch::{Quiet, ReplyWait, WorkerProcess, WorkerStart, allowed_cores};
+use fathom::compare::launch_workers::LaunchProcesses;
+use fathom::compare::launches::{self, EarlierLaunches};
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
-use fathom::compare::rounds::{self, EarlierLaunches};
 use fathom::compare::store::Comparison;
 use fathom::compare::time;
+use fathom::compare::worker_process::{
+    Quiet, ReplyWait, WorkerProcess, WorkerStart, allowed_cores,
+};
 use fathom::judge::schedule::GateSchedule;
 use fathom::record::Record;
 use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings};
@@ -41,13 +43,13 @@ fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> GateSchedule {
     GateSchedule { control: cells.first().cloned(), cells, launches, pairs, seed: 3, second: false }
 }
 
-fn measure(bench: &mut Processes, schedule: &GateSchedule) -> Vec<Compared> {
+fn measure(workers: &mut LaunchProcesses, schedule: &GateSchedule) -> Vec<Compared> {
     let mut lines = Vec::new();
     let sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
-    let Ok(()) = rounds::run(schedule, bench, &EarlierLaunches::default(), &NEVER, sink);
+    let Ok(()) = launches::run(schedule, workers, &EarlierLaunches::default(), &NEVER, sink);
     lines
 }
 
@@ -57,10 +59,11 @@ fn sample(config: &str, stage: &str, frames: u32) -> WorkerRequest {
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
-    let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, ReplyWait::SILENT).unwrap();
+    let mut workers =
+        LaunchProcesses::new([fathom(), fathom()], &[plane()], 1, ReplyWait::SILENT).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 1, 4);
     let mut lines = vec![Compared::Header(Box::default())];
-    lines.extend(measure(&mut bench, &schedule));
+    lines.extend(measure(&mut workers, &schedule));
     let measured = Comparison::from_records(lines.into_iter().map(Record::from)).unwrap();
     let Comparison { pairs, faults, launches, .. } = measured;
     assert_eq!(faults, []);
@@ -68,7 +71,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     assert_eq!(pairs.len(), 4 * 3, "four rounds, two cells and the control");
     assert!(pairs.iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
     assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 4);
-    if cfg!(target_os = "linux") && bench.sides[0].adapter.software {
+    if cfg!(target_os = "linux") && workers.sides[0].adapter.software {
         assert!(launches.iter().all(|launch| launch.core.is_some()));
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());

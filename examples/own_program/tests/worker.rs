@@ -5,9 +5,9 @@ use std::sync::atomic::AtomicBool;
 
 use fathom::Catalog;
 use fathom::compare::flow::{self, CompareOptions, Program};
-use fathom::compare::launch::WorkerStart;
 use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{Status, Verdicts};
+use fathom::compare::worker_process::WorkerStart;
 use fathom::record::comparison::{Gate, GateSettings};
 
 /// Of times on a machine of any load no more is asked than that they are there.

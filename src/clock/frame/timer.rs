@@ -238,7 +238,7 @@ impl FrameTimer {
                 account.gaps_ns += self.submit_cost_ns(SUBMISSION);
                 let is_cpu = HostClock::from_plan(&self.plan) == HostClock::ProcessCpu;
                 let clock = if is_cpu { Clock::ProcessCpu } else { Clock::FencedHost };
-                self.add_fenced(&mut account, (work.stage, SUBMISSION, clock), work.ns);
+                self.add_fenced(&mut account, work.stage, SUBMISSION, clock, work.ns);
             } else {
                 account.add(work.stage, Clock::Host, Ok(work.ns));
             }
@@ -257,7 +257,7 @@ impl FrameTimer {
             } else if span.fenced {
                 for pass in passes {
                     let clock = self.plan.clock(pass.kind);
-                    self.add_fenced(&mut account, (pass.stage, pass.kind, clock), span.wall_ns());
+                    self.add_fenced(&mut account, pass.stage, pass.kind, clock, span.wall_ns());
                 }
             } else {
                 self.add_timestamped(&mut account, span)
@@ -280,7 +280,9 @@ impl FrameTimer {
     fn add_fenced(
         &self,
         account: &mut FrameSums<'_>,
-        (stage, kind, clock): (usize, PassKind, Clock),
+        stage: usize,
+        kind: PassKind,
+        clock: Clock,
         wall_ns: f64,
     ) {
         let cost_ns = self.submit_cost_ns(kind);

@@ -482,7 +482,7 @@ fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
 fn groups_fit_into_memory_and_are_released() {
     let sized = |bytes| MockCell { bytes, ..STEADY };
     let mock = Mock::new([400, 400, 300, 5_000, 100].map(sized).into()).run(&SETTINGS);
-    let (mut alive, mut most) = (BTreeSet::new(), 0);
+    let (mut alive, mut max_alive) = (BTreeSet::new(), 0);
     let mut groups: Vec<usize> = Vec::new();
     for call in &mock.calls {
         match call {
@@ -498,10 +498,10 @@ fn groups_fit_into_memory_and_are_released() {
             }
             _ => {}
         }
-        most = most.max(alive.len());
+        max_alive = max_alive.max(alive.len());
     }
     assert!(alive.is_empty());
-    assert_eq!((groups, most), (vec![2, 2, 1], 2));
+    assert_eq!((groups, max_alive), (vec![2, 2, 1], 2));
     assert_eq!(mock.results.len(), 5);
 }
 

@@ -34,9 +34,12 @@ impl Simulation {
     }
 
     fn sample(&mut self, ns: f64) -> f64 {
-        let (share, most) = self.noise.stalls;
-        let stall =
-            if self.random.random_bool(share) { most * self.random.random::<f64>() } else { 0.0 };
+        let (share, max_stall) = self.noise.stalls;
+        let stall = if self.random.random_bool(share) {
+            max_stall * self.random.random::<f64>()
+        } else {
+            0.0
+        };
         ns * (self.noise.within * normal(&mut self.random)).exp() * (1.0 + stall)
     }
 
@@ -232,14 +235,14 @@ fn a_busy_machine_makes_it_inconclusive_and_says_what_could_be_found() {
     let detectable: Vec<f64> = gate.cells.iter().filter_map(|cell| cell.detectable).collect();
     assert!(median(&detectable) > 0.08, "{detectable:?}");
     // What it says can be found is found about as often as it says: stalls are no normal noise.
-    let least = median(&detectable);
+    let shift = median(&detectable);
     let trials = 10;
     let found: usize = (0..trials)
-        .map(|trial| simulation.gate(|n| if n % 8 == trial % 8 { least } else { 0.0 }))
+        .map(|trial| simulation.gate(|n| if n % 8 == trial % 8 { shift } else { 0.0 }))
         .map(|gate| count(&gate, TimeVerdict::Slower))
         .sum();
     let share = found as f64 / (5 * trials) as f64;
-    assert!((share - POWER).abs() < 0.25, "{least}: {share}");
+    assert!((share - POWER).abs() < 0.25, "{shift}: {share}");
 }
 
 #[test]
@@ -388,7 +391,7 @@ fn cells_that_the_first_launches_settle_are_left_out_and_a_slower_one_stays() {
     for cell in &gate.cells {
         let launches = if settled.contains(&cell.cell) { LOOK } else { LAUNCHES };
         assert_eq!(cell.launches.len(), launches as usize, "{}", cell.cell);
-        assert!(cell.detectable.is_some_and(|least| least > 0.02), "{}", cell.cell);
+        assert!(cell.detectable.is_some_and(|shift| shift > 0.02), "{}", cell.cell);
     }
     assert_eq!(gate.cells[3].verdict, TimeVerdict::Slower);
     assert_eq!(alarms(&gate), 1);
