@@ -255,16 +255,14 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     best.map(|(_, candidate)| candidate.to_owned())
 }
 
-/// The families of some stages, each once: what their names begin with, up to the stroke.
+/// What a stage's name begins with, up to the stroke: `caustics` of `caustics/trace`.
+pub fn family(stage: &str) -> &str {
+    stage.split('/').next().unwrap_or(stage)
+}
+
+/// The families of some stages, each once.
 pub fn families<'a>(stages: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut families = Vec::new();
-    for stage in stages {
-        let family = stage.split('/').next().unwrap_or(stage);
-        if !families.contains(&family) {
-            families.push(family);
-        }
-    }
-    families
+    stages.into_iter().map(family).unique().collect()
 }
 
 #[cfg(test)]

@@ -188,16 +188,11 @@ impl LiveCell {
     }
 }
 
-/// The first look at more pairs than these.
-pub fn look_after(pairs: usize) -> Option<usize> {
-    LOOK_PAIRS.into_iter().find(|look| *look > pairs)
-}
-
 /// Pairs that cells are to have in the end that have so many now. Cells of one batch get the same number of new rounds where they
 /// are to be compared by round: with a cell that has none, and from look to look.
 pub fn targets(goal: Goal, pairs: &[usize]) -> Vec<usize> {
-    let next = |pairs: &usize| look_after(*pairs).unwrap_or(*pairs) - pairs;
-    let rounds = pairs.iter().map(next).max().unwrap_or(0);
+    let next = |pairs: &usize| Some(LOOK_PAIRS.into_iter().find(|look| look > pairs)? - pairs);
+    let rounds = pairs.iter().filter_map(next).max().unwrap_or(0);
     let any_is_new = pairs.contains(&0);
     let target = |pairs: &usize| match goal {
         Goal::FirstLook if any_is_new => *pairs + MIN_PAIRS,

@@ -7,15 +7,11 @@ mod landing;
 mod measure;
 mod parameters;
 
-use std::collections::BTreeMap;
-
 use glam::{UVec2, Vec2};
-use serde_json::Value;
 
-use super::caustics_image::CausticsPair;
-use super::settings::{VIEWPORT, begin, scaled};
-use super::{Errors, Judge, JudgeError, Pipeline, PipelineInstance};
-use fathom_gpu::{Gpu, GpuError};
+use super::Pipeline;
+use super::settings::{self, VIEWPORT, begin, scaled};
+use fathom_gpu::GpuError;
 use fathom_scene::Scene;
 use fathom_stages::caustics::splat::{self, SplatStyle, SplatUniforms};
 use fathom_stages::compose::{self, ComposeInputs, PictureUniforms};
@@ -109,29 +105,6 @@ impl Pipeline for Underwater {
     }
 }
 
-impl PipelineInstance for Underwater {
-    fn image(&self) -> &wgpu::Texture {
-        &self.image
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.measured_quantities(gpu)
-    }
-
-    fn context(&self, stage: &str) -> Value {
-        self.explained(stage)
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.landing_errors(judge)
-    }
-
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
-        let found = self.frame_caustics(judge)?;
-        CausticsPair::new(judge, &self.view, &found).map(Some)
-    }
-}
-
 /// Caustics and godrays. `light` is the light's depth and mask, `seen` the camera's depth.
 fn photon_grids(
     resources: &Resources<'_>,
@@ -206,7 +179,7 @@ fn photon_stages(
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
     let of_grid = &resources.with_size_hint(path.grid_sized_by);
-    let (info, dynamic) = (path.trace, grid.is_dynamic());
+    let (info, dynamic) = (path.trace, grid.mode == SubdivisionMode::Dynamic);
     let trace = photon::tracing(of_grid, info, shared, light, uniforms, dynamic, conserving)?;
     let photons = of_grid.push(trace);
     let of_buffer = &resources.with_size_hint(path.buffer_sized_by);
@@ -224,14 +197,11 @@ fn photon_stages(
 /// What the frame is seen from, for these parameters.
 pub fn view(params: &Params, scene: &Scene) -> View {
     View {
-        camera: params.camera.clone(),
-        light: params.light.clone(),
         water: params.water.clone(),
-        bounds: scene.bounds,
-        size_px: UVec2::new(params.view.width, params.view.height),
         edge_m: params.shadow.edge_m,
         photon_reach: params.photon_reach(),
         photons_fitted: params.photons_fitted,
+        ..settings::view(&params.view, &params.camera, &params.light, scene)
     }
 }
 

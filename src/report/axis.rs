@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use itertools::Itertools;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
 use crate::format;
@@ -167,10 +168,7 @@ impl Scale {
 
 /// The least and the largest value.
 fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
-    values.fold(None, |ends, value| {
-        let [low, high] = ends.unwrap_or([value; 2]);
-        Some([low.min(value), high.max(value)])
-    })
+    values.minmax().into_option().map(<[f64; 2]>::from)
 }
 
 /// The least of 1, 2, 5 × 10ⁿ that is not below the value.

@@ -6,6 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
 
+use fathom_base::text::family;
+
 /// Degrees between the hues of families that follow each other in the alphabet: the golden angle, so that any number of
 /// families is spread evenly and neighbours are far apart.
 const HUE_STEP_DEG: f64 = 137.508;
@@ -79,11 +81,6 @@ impl StageColors {
     pub fn color(&self, stage: &str) -> Color {
         self.0.get(stage).copied().unwrap_or(NEUTRAL)
     }
-}
-
-/// `caustics` of `caustics/trace`.
-fn family(stage: &str) -> &str {
-    stage.split_once('/').map_or(stage, |(family, _)| family)
 }
 
 fn color(hue_deg: f64, index: usize) -> Color {

@@ -115,11 +115,6 @@ impl Line {
         self.markdown_with(text::code)
     }
 
-    /// In a table a bar divides fields, also within code.
-    fn markdown_field(&self) -> String {
-        self.markdown_with(|code| text::code(code).replace('|', "\\|"))
-    }
-
     fn markdown_with(&self, code: impl Fn(&str) -> String) -> String {
         let spans = self.0.iter().map(|span| match span {
             Span::Words(words) | Span::Faint(words) | Span::Chip(_, words) => text::markdown(words),
@@ -291,7 +286,7 @@ impl Table {
     }
 
     /// The head and every row, without what only a page shows.
-    fn texts(&self, write: fn(&Line) -> String) -> Vec<Vec<String>> {
+    fn texts(&self, write: impl Fn(&Line) -> String) -> Vec<Vec<String>> {
         let shown = |(_, kind): &&(String, ColumnKind)| *kind != ColumnKind::Drawings;
         let head = self.columns.iter().filter(shown);
         let head = head.map(|(title, _)| write(&title.as_str().into())).collect();
@@ -304,7 +299,9 @@ impl Table {
 
     /// With an empty line after it.
     pub fn markdown(&self) -> String {
-        let mut lines = self.texts(Line::markdown_field).into_iter();
+        // A bar divides fields, also within code.
+        let code = |words: &str| text::code(words).replace('|', "\\|");
+        let mut lines = self.texts(|line| line.markdown_with(code)).into_iter();
         let row = |fields: Vec<String>| format!("| {} |\n", fields.join(" | "));
         let head = lines.next().unwrap_or_default();
         let rule = format!("{}|\n", "|---".repeat(head.len()));

@@ -57,11 +57,15 @@ pub struct StageShare<'a> {
 impl<'a> Representative<'a> {
     /// Every stage in frame order.
     pub fn stages(&self) -> Vec<StageShare<'a>> {
-        let share = |(stage, shares): (&'a StageRecord, Vec<f64>)| StageShare {
-            stage,
-            share: statistics::estimate(&shares),
+        let stages = &self.measured.stages;
+        let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
+        let sum = |frame: usize| stages.iter().map(|stage| stage.samples_ns[frame]).sum::<f64>();
+        let sums = (0..frames).map(sum).collect_vec();
+        let share = |stage: &'a StageRecord| {
+            let shares = stage.samples_ns.iter().zip(&sums).map(|(ns, sum)| ns / sum).collect_vec();
+            StageShare { stage, share: statistics::estimate(&shares) }
         };
-        stage_shares(self.measured).into_iter().map(share).collect()
+        stages.iter().map(share).collect()
     }
 
     /// The stage with the largest share.
@@ -78,18 +82,6 @@ impl<'a> Representative<'a> {
             _ => self.cell.scene.clone(),
         }
     }
-}
-
-/// Every stage in frame order, with its share of the sum of all stages frame by frame.
-pub fn stage_shares(measured: &Measured) -> Vec<(&StageRecord, Vec<f64>)> {
-    let stages = &measured.stages;
-    let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
-    let sums = (0..frames).map(|f| stages.iter().map(|stage| stage.samples_ns[f]).sum::<f64>());
-    let sums = sums.collect_vec();
-    let of = |stage: &StageRecord| {
-        stage.samples_ns.iter().zip(&sums).map(|(ns, sum)| ns / sum).collect()
-    };
-    stages.iter().map(|stage| (stage, of(stage))).collect()
 }
 
 /// A frame for each pipeline, in the order in which the plan first has them.
@@ -268,23 +260,6 @@ pub struct Exponent<'v, 'a> {
     /// Values of the other axes; empty where there are none.
     pub group: String,
     pub fit: Scaling,
-}
-
-impl Exponent<'_, '_> {
-    /// `0.98 (0.95 – 1.01)`
-    pub fn text(&self) -> String {
-        exponent(&self.fit)
-    }
-
-    /// What x is called on the plot.
-    pub fn x_title(&self) -> String {
-        self.plot.x_title.clone().unwrap_or_else(|| self.x.label().words)
-    }
-
-    /// What grows: a stage's name, or the measure in words.
-    pub fn y_title(&self) -> String {
-        names::measure(self.y)
-    }
 }
 
 /// The exponent that claims rest on, with its interval: `0.98 (0.95 – 1.01)`; of cells that were measured apart it says so.

@@ -223,9 +223,7 @@ fn ends(row: &RuledClaim<'_>) -> [f64; 2] {
         [deciding.value, low, high, deciding.band.low, deciding.band.high]
     });
     let values = ends.chain(row.claim.published).filter(|value| value.is_finite());
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (low.min(value), high.max(value))
-    });
+    let (low, high) = values.minmax().into_option().unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
     let room = ROOM * (high - low).max(1e-3 * high.abs().max(low.abs())).max(f64::MIN_POSITIVE);
     [low - room, high + room]
 }
