@@ -211,35 +211,16 @@ mod tests {
         assert_eq!(holm(&[0.9, 0.8]), [1.0, 1.0]);
     }
 
-    /// Of 2,000 draws of twelve samples, those that are so.
-    fn share(sample: &mut impl FnMut() -> f64, is_so: impl Fn(&[f64]) -> bool) -> f64 {
-        let mut draw = |_: &u32| is_so(&std::array::from_fn::<f64, 12, _>(|_| sample()));
-        (0..2_000).filter(&mut draw).count() as f64 / 2_000.0
-    }
-
-    #[test]
-    fn the_interval_covers_the_centre_as_often_as_it_says() {
-        let mut random = Pcg64::seed_from_u64(11);
-        // Heavy tails: one sample in eight comes from noise five times as wide.
-        let mut sample = || {
-            let wide = if random.random_bool(0.125) { 5.0 } else { 1.0 };
-            0.3 + wide * normal(&mut random)
-        };
-        let covered = share(&mut sample, |samples| {
-            let Interval { low, high } = centre(samples, 0.05).interval.unwrap();
-            low <= 0.3 && 0.3 <= high
-        });
-        // Exactly 0.9575 for 12 samples; three standard errors are 0.0135.
-        assert!((0.944..0.971).contains(&covered), "{covered}");
-    }
-
     #[test]
     fn a_detectable_shift_is_found_with_the_power_stated() {
         let level = 0.05 / 80.0;
         let shift = detectable(12, level).unwrap();
         let mut random = Pcg64::seed_from_u64(12);
-        let mut sample = || shift + normal(&mut random);
-        let found = share(&mut sample, |samples| above(samples, 0.0) <= level);
+        let mut is_found = |_: &u32| {
+            let samples: [f64; 12] = std::array::from_fn(|_| shift + normal(&mut random));
+            above(&samples, 0.0) <= level
+        };
+        let found = (0..2_000).filter(&mut is_found).count() as f64 / 2_000.0;
         assert!((found - POWER).abs() < 0.04, "shift {shift}: {found}");
     }
 }

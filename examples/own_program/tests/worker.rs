@@ -32,6 +32,9 @@ fn the_program_is_compared_with_itself() {
     let held = flow::measure(&options, out, &AtomicBool::new(false), &|_| ());
     let stored = Comparison::read(&held.expect("it is compared").output.folder).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
+    if cfg!(target_os = "linux") && stored.header.adapter.software {
+        assert!(stored.launches.iter().all(|launch| launch.core.is_some()));
+    }
     let skipped: Vec<Gate> = stored.header.skipped.iter().map(|skip| skip.gate).collect();
     assert_eq!(skipped, [Gate::Exact, Gate::Instructions]);
     // Two launches of two pairs, of six cells and the control.
