@@ -69,7 +69,7 @@ impl CompareOptions {
     }
 }
 
-/// Measures what `options` ask for into a folder and gives it with its lines. `tell` takes a line for each step.
+/// Measures what `options` ask for into a folder and gives it with its lines. `report` takes a line for each step.
 pub fn measure(
     options: &CompareOptions,
     taken: LockedFolder,
