@@ -225,29 +225,9 @@ impl ViewPlan {
         let middle_m = params.middle_m();
         let [caustics, godrays] = [params.caustics_buffer(), params.godrays_buffer()];
         let pixel = |buffer: [u32; 2]| view.pixel_tangent(buffer) * middle_m;
-        let size = params.point_size();
-        let splat_px = size.size_px(middle_m);
+        let splat_px = params.point_size().size_px(middle_m);
         let grids = [params.caustics.grid_settings(), params.godrays.grid_settings()];
         let photons = [grids[0].photons(), grids[1].photons()];
-        let sides_px = [params.caustics.point_size_max_px, params.caustics.point_size_min_px];
-        let [near, most] = sides_px.map(|side_px| {
-            flux_w[0] / photons[0] as f64
-                * match params.caustics.intensity {
-                    IntensityRule::Paper => 1.0,
-                    IntensityRule::Conserving => side_px.powi(-2),
-                }
-        });
-        let least = near * (-params.water.attenuation_per_m * params.floor_depth_m).exp();
-        let splat = SplatUniforms {
-            size_px: as_vec2(caustics),
-            size_a_px: size.a_px as f32,
-            size_b_px_m: size.b_px_m as f32,
-            photon_w: (flux_w[0] / photons[0] as f64) as f32,
-            depth_bias_m: params.caustics.depth_bias_m as f32,
-            steps: splat::steps([least, most]),
-            photons: photons[0] as u32,
-            photons_per_instance: PHOTONS_PER_INSTANCE,
-        };
         let lines = LinesUniforms {
             size_px: as_vec2(godrays),
             square_px: view.square_px(godrays).as_vec2(),
@@ -269,7 +249,7 @@ impl ViewPlan {
             };
         Self {
             traces: grids.map(|grid| grid.uniforms(view, params.shadow.size)),
-            splat,
+            splat: splat_uniforms(params, flux_w[0] / photons[0] as f64, photons[0] as u32),
             splat_px,
             lines,
             line_px: params.floor_depth_m / pixel(godrays),
@@ -282,6 +262,30 @@ impl ViewPlan {
                 depth_share: params.caustics.filter_depth_share as f32,
             },
         }
+    }
+}
+
+/// Of splats of this many photons of this flux; the steps of their sum follow from the least and the greatest that one adds.
+fn splat_uniforms(params: &Params, photon_w: f64, photons: u32) -> SplatUniforms {
+    let (caustics, size) = (&params.caustics, params.point_size());
+    let sides_px = [caustics.point_size_max_px, caustics.point_size_min_px];
+    let [near, max] = sides_px.map(|side_px| {
+        photon_w
+            * match caustics.intensity {
+                IntensityRule::Paper => 1.0,
+                IntensityRule::Conserving => side_px.powi(-2),
+            }
+    });
+    let min = near * (-params.water.attenuation_per_m * params.floor_depth_m).exp();
+    SplatUniforms {
+        size_px: as_vec2(params.caustics_buffer()),
+        size_a_px: size.a_px as f32,
+        size_b_px_m: size.b_px_m as f32,
+        photon_w: photon_w as f32,
+        depth_bias_m: caustics.depth_bias_m as f32,
+        steps: splat::steps([min, max]),
+        photons,
+        photons_per_instance: PHOTONS_PER_INSTANCE,
     }
 }
 
