@@ -3,6 +3,8 @@
 // ADDED 1: caustics are added as they are in their buffer, as a white surface next to the camera would show them. UW §3.3 counts no
 // attenuation to the viewer, which it finds "intrinsically handled via the point size regulation".
 #import fathom::uniforms::{frame, view_depth_m, world_at}
+#import fathom::disc::{GOLDEN_ANGLE}
+#import fathom::math::{TAU}
 #import fathom::picture::{background, depths, display, lambert, normal_at, picture, seen_at}
 #import fathom::screen
 #import fathom::shading
@@ -36,8 +38,6 @@ const DISTORTION: f32 = 0.08;
 const LEAST_WEIGHT: f32 = 1e-3;
 // Cosine to the normal below which a tap does not block: depth in texels makes a slanted plane uneven.
 const LEAST_COSINE: f32 = 0.1;
-const TAU: f32 = 6.28318530717958648;
-const GOLDEN_ANGLE: f32 = 2.39996322972865332;
 
 // Bilinear by hand: 32-bit float textures cannot be filtered everywhere.
 fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
@@ -152,7 +152,7 @@ fn added_caustics(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> ve
 }
 
 fn shafts(uv: vec2<f32>) -> vec3<f32> {
-    return on_surface(godrays, uv) * settings.godrays_scale * shading::SHAFT_TINT;
+    return shading::shafts(on_surface(godrays, uv), settings.godrays_scale);
 }
 
 @vertex

@@ -28,7 +28,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         let tap = turned_tap(pixel.xy, turn, i, settings.taps, settings.radius_px);
         let texel = clamp(vec2<i32>(floor(tap)), vec2(0), last);
         let seen = depth_texel(depth, vec2<f32>(texel) + 0.5, own_px);
-        if abs(beyond_plane_m(plane, depth, seen)) <= most_m {
+        if abs(beyond_plane_m(plane, seen, textureLoad(depth, seen, 0))) <= most_m {
             sum += textureLoad(source, texel, 0).x;
             counted += 1.0;
         }

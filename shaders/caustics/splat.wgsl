@@ -104,13 +104,10 @@ struct Varying {
 #endif
 }
 
-// Outside the clip volume: drawn by no rasterizer.
-const NOWHERE: vec4<f32> = vec4<f32>(2.0, 2.0, 2.0, 1.0);
-
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {
     var drawn: Varying;
-    drawn.clip = NOWHERE;
+    drawn.clip = screen::NOT_DRAWN;
     let index = instance * settings.photons_per_instance + vertex / 4u;
     if index >= settings.photons {
         return drawn;

@@ -1,6 +1,7 @@
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 // A wide line from water entry to hit for each photon, added up: UW §3.4.
 #import fathom::uniforms::{frame}
+#import fathom::math::{PI}
 #import fathom::photon::{Photon, angular_weight, entered, has_landed}
 #import fathom::screen
 #import fathom::shading::{water_path_m}
@@ -34,8 +35,7 @@ struct Varying {
     @location(3) @interpolate(flat) photon_w: f32,
 }
 
-const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), 0.0, vec3<f32>(0.0), 0.0);
-const PI: f32 = 3.14159265;
+const NOWHERE: Varying = Varying(screen::NOT_DRAWN, vec3<f32>(0.0), 0.0, vec3<f32>(0.0), 0.0);
 
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {

@@ -7,9 +7,10 @@
 // toward · cos θ + aside · sin θ. VAO Eq. 1 is A = 1/π ∫∫ ρ cos dω, cut at the horizon: what lies below is integrated in
 // closed form (part 1), what lies above is sampled with rays (part 2).
 #import fathom::uniforms::{frame, view_depth_m}
-#import fathom::random::{pcg, unit}
+#import fathom::math::{TAU}
+#import fathom::random::{GOLDEN, pcg, unit}
 #import fathom::screen
-#import fathom::sphere::{tangent_frame}
+#import fathom::sphere::{PLASTIC, tangent_frame}
 
 struct March {
     // Pixels of the occlusion buffer.
@@ -44,12 +45,8 @@ fn count(counter: u32, slot: u32, n: u32) {
 var<private> taken: u32 = 0u;
 #endif
 
-const TAU: f32 = 6.28318530717958648;
-// 2³² / golden ratio: seeds of neighbouring runs lie far apart.
-const SEED_STEP: u32 = 0x9E3779B9u;
-// Fractions of the golden ratio and of the plastic number: sequences of low discrepancy (Roberts 2018).
-const GOLDEN: f32 = 0.61803398875;
-const PLASTIC: vec2<f32> = vec2<f32>(0.75487766625, 0.56984029100);
+// Fraction of the golden ratio: a sequence of low discrepancy (Roberts 2018).
+const GOLDEN_FRACTION: f32 = 0.61803398875;
 // Smallest cosine between the normal and the direction to the eye: interpolated normals may point away.
 const LEAST_FACING: f32 = 0.02;
 // The search spans at most this sine of the angle at the eye.
@@ -128,8 +125,8 @@ fn surface_at(texel: vec2<i32>, z: f32) -> vec3<f32> {
     return frame.camera_position_m + view_depth_m(z) * ray;
 }
 
-fn to_pixels(clip: vec4<f32>) -> vec2<f32> {
-    return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * view_px();
+fn pixel_at(clip: vec4<f32>) -> vec2<f32> {
+    return screen::to_pixels(clip.xy / clip.w, view_px());
 }
 
 // ρ at a distance of `share` × r_max. VAO Eq. 1.
@@ -163,7 +160,7 @@ fn slice_along(point: Point, direction: vec3<f32>) -> Slice {
     let least = (LEAST_W - 1.0) * point.clip.w;
     let shorten = select(1.0, least / rim.w, rim.w < least);
     let start = vec2<f32>(point.texel) + 0.5;
-    let delta = to_pixels(point.clip + shorten * rim) - start;
+    let delta = pixel_at(point.clip + shorten * rim) - start;
     let room = select(start, view_px() - start, delta > vec2(0.0)) / max(abs(delta), vec2(1e-6));
     let length_px = length(delta);
     return Slice(
@@ -239,7 +236,7 @@ fn march(point: Point, slice: Slice, x: f32, jitter: f32) -> f32 {
         if clip.w <= frame.z_near_m {
             break;
         }
-        let place = to_pixels(clip);
+        let place = pixel_at(clip);
         if any(place < vec2(0.0)) || any(place >= view_px()) {
             break;
         }
@@ -271,7 +268,7 @@ fn occlusion(point: Point, seed: u32) -> f32 {
     for (var i = 0u; i < settings.directions; i++) {
         let angle = TAU * (f32(i) / f32(settings.directions) + turn);
         let slice = slice_along(point, basis[0] * cos(angle) + basis[1] * sin(angle));
-        let horizon = find_horizon(point, slice, fract(unit(first) + f32(i) * GOLDEN));
+        let horizon = find_horizon(point, slice, fract(unit(first) + f32(i) * GOLDEN_FRACTION));
         horizons += horizon.occluded;
         // This direction's part of the rays, in strata of cos θ.
         let from_ray = ray;
@@ -296,7 +293,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     }
     let place = vec2<u32>(pixel.xy);
     sight = sight_of_camera();
-    let occluded = occlusion(shaded_point(texel, z), pcg(place.x + 65536u * place.y + settings.seed * SEED_STEP));
+    let occluded = occlusion(shaded_point(texel, z), pcg(place.x + 65536u * place.y + settings.seed * GOLDEN));
 #if COUNT == 1
     let slot = place.x & 63u;
     count(0u, slot, taken);

@@ -4,9 +4,9 @@
 // underwater objects that are visible to the viewer in the absence of the water surface."
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{texel_of}
-#import fathom::photon::{LEAST_COMPONENT, Ray, above_water, refined}
+#import fathom::photon::{LEAST_COMPONENT, Ray, above_water, entry_between, nearest_of_step}
 #import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::shading::{SHAFT_TINT, display, fog, fresnel, sky, water_path_m}
+#import fathom::shading::{display, fog, fresnel, shafts, sky, water_path_m}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
 #import fathom::water
 
@@ -31,14 +31,6 @@ struct Surface {
 #if SHAFTS == 1
 // W.
 @group(1) @binding(6) var shaft_texels: texture_2d<f32>;
-
-fn shafts(texel: vec2<i32>) -> vec3<f32> {
-    return settings.shaft_scale * textureLoad(shaft_texels, texel, 0).x * SHAFT_TINT;
-}
-#else
-fn shafts(texel: vec2<i32>) -> vec3<f32> {
-    return vec3(0.0);
-}
 #endif
 
 // Rounding of distances to the slab that holds the surface: flat water's has no height.
@@ -59,14 +51,9 @@ fn meets_m(sight: vec3<f32>, far_m: f32) -> f32 {
     for (var i = 1u; i <= settings.searches && before.t < end; i++) {
         let step_m = max(frame.water_step_m / level, side * before.height_m / steepness);
         let after = above_water(ray, select(min(before.t + step_m, end), end, i == settings.searches));
-        var behind = after;
-        if side * after.height_m > 0.0 && side * before.rate < 0.0 && side * after.rate > 0.0 {
-            behind = above_water(ray, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
-        }
+        let behind = nearest_of_step(ray, before, after, side);
         if side * behind.height_m <= 0.0 {
-            let above_t = select(behind.t, before.t, side > 0.0);
-            let t = mix(before.t, behind.t, before.height_m / (before.height_m - behind.height_m));
-            let place_m = refined(ray, above_t, before.t + behind.t - above_t, t).position_m;
+            let place_m = entry_between(ray, before, behind, side).position_m;
             return select(NO_HIT, distance(place_m, ray.origin_m), water::inside(place_m.xz));
         }
         before = after;
@@ -135,5 +122,8 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     } else {
         radiance = sky(sight);
     }
-    return display(radiance + shafts(texel), settings.exposure);
+#if SHAFTS == 1
+    radiance += shafts(textureLoad(shaft_texels, texel, 0).x, settings.shaft_scale);
+#endif
+    return display(radiance, settings.exposure);
 }

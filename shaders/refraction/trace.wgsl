@@ -10,7 +10,7 @@
 #import fathom::optics
 #import fathom::photon::{Photon, has_landed}
 #import fathom::refraction::{Exit, NO_EXIT}
-#import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, smoothed}
+#import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, smoothed, texel_at}
 #import fathom::surface_texel::{Surface}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
 
@@ -41,10 +41,6 @@ struct End {
 
 const NOWHERE: End = End(NO_HIT, NO_SURFACE, vec3<f32>(0.0));
 
-fn texel_in(place: vec2<f32>) -> vec2<i32> {
-    return vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
-}
-
 #if ENDS == 1
 // "The normal at this point is fetched from the depth image."
 fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
@@ -54,7 +50,7 @@ fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
         return NOWHERE;
     }
     let clip = frame.camera_view_projection * vec4(end.hit_m, 1.0);
-    let surface = surface_near(depths, surfaces, walk.layers, texel_in(place_px(walk, clip)), clip.w);
+    let surface = surface_near(depths, surfaces, walk.layers, texel_at(walk, place_px(walk, clip)), clip.w);
     return End(end.distance_m, surface, vec3(0.0));
 }
 #else
@@ -110,7 +106,7 @@ fn roughly(ray: Transfer, inside: bool) -> End {
         let middle = (number + 0.5) / seg.steps;
         let middle_m = distance_at(seg, middle);
         let to_m = distance_at(seg, (number + 1.0) / seg.steps);
-        let here = column(ray, inside, texel_in(mix(start, end, middle)), distance_at(seg, number / seg.steps), middle_m);
+        let here = column(ray, inside, texel_at(walk, mix(start, end, middle)), distance_at(seg, number / seg.steps), middle_m);
         if here.next.at_m <= to_m {
             return here.next;
         }
@@ -147,7 +143,7 @@ fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
     }
     let corner = floor(end_px - 0.5);
     for (var i = 0u; i < AROUND * AROUND; i++) {
-        let texel = texel_in(corner + vec2(f32(i % AROUND), f32(i / AROUND)));
+        let texel = texel_at(walk, corner + vec2(f32(i % AROUND), f32(i / AROUND)));
         for (var layer = 0u; layer < walk.layers && textureLoad(depths, texel, layer, 0).x < 1.0; layer++) {
             let other = passes(ray, inside, texel, layer);
             if other.at_m < 0.0 || other.at_m >= NO_HIT {

@@ -5,6 +5,7 @@
 #import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::optics
 #import fathom::refraction::{Exit}
+#import fathom::screen::{to_pixels}
 #import fathom::surface::{Material, SceneVertex}
 
 @group(1) @binding(0) var<storage, read> materials: array<Material>;
@@ -43,7 +44,7 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
 fn far_normal(place_m: vec3<f32>, sight: vec3<f32>, near_normal: vec3<f32>) -> vec3<f32> {
     let size_px = vec2<f32>(textureDimensions(back_depths));
     let clip = frame.camera_view_projection * vec4(place_m, 1.0);
-    let at_px = (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * size_px;
+    let at_px = to_pixels(clip.xy / clip.w, size_px);
     let texel = vec2<i32>(clamp(floor(at_px), vec2(0.0), size_px - 1.0));
     if textureLoad(back_depths, texel, 0) > 0.0 {
         return textureLoad(back_normals, texel, 0).xyz;

@@ -3,6 +3,7 @@
 //
 // Motions: 0 spin, 1 twist, 2 wave.
 #import fathom::dispatch::{GROUP, place}
+#import fathom::math::{TAU}
 
 struct Deform {
     vertices: u32,
@@ -23,8 +24,6 @@ struct Pivot {
 // Seven words a vertex: position, normal, object.
 @group(0) @binding(2) var<storage, read> rest: array<u32>;
 @group(0) @binding(3) var<storage, read_write> vertices: array<u32>;
-
-const TAU: f32 = 6.28318531;
 
 struct Corner {
     // From the pivot's foot.

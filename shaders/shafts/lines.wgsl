@@ -2,6 +2,7 @@
 // A line from start to hit for each photon, fading with the way through the medium to it and on to the viewer, added up: SPT §3.2.
 #import fathom::uniforms::{frame}
 #import fathom::photon::{Photon, has_landed}
+#import fathom::screen::{NOT_DRAWN}
 #import fathom::shading::{water_path_m}
 
 struct Shafts {
@@ -28,7 +29,7 @@ struct Varying {
 fn vertex(@builtin(vertex_index) end: u32, @builtin(instance_index) index: u32) -> Varying {
     let photon = photons[index];
     if !has_landed(photon) || photon.distance_m <= 0.0 {
-        return Varying(vec4(2.0, 2.0, 2.0, 1.0), 0.0, 0.0, vec3(0.0));
+        return Varying(NOT_DRAWN, 0.0, 0.0, vec3(0.0));
     }
     let place = select(photon.entry_m, photon.hit_m, end == 1u);
     // Behind a mirror or glass some way lies before the start.

@@ -1,11 +1,11 @@
 // Low-pass over a disc of taps, turned by another angle in every pixel: UW §3.5.
 #define_import_path fathom::disc
 
+#import fathom::math::{TAU}
 #import fathom::random::{pcg}
 
 // 2π (1 − 1/φ): successive taps of a Vogel disc are this far apart.
 const GOLDEN_ANGLE: f32 = 2.39996322972865332;
-const TAU: f32 = 6.28318530717958648;
 
 fn rotation(pixel: vec2<u32>) -> f32 {
     return TAU * f32(pcg(pixel.x + 65536u * pixel.y)) / 4294967296.0;

@@ -1,9 +1,12 @@
 // Where photons under water land: the refracted ray against the light's depth map, UW §3.3.
 #define_import_path fathom::estimator
 
+#import fathom::clip::{cut, cut_to_sides}
+#import fathom::math::{perspective_divide}
 #import fathom::uniforms::{frame}
-#import fathom::photon::{MISSED, OUTSIDE, Photon, divide, in_mask, meet_water, photon_ray}
+#import fathom::photon::{MISSED, OUTSIDE, Photon, in_mask, meet_water, photon_ray}
 #import fathom::random::{pcg}
+#import fathom::screen::{to_pixels}
 #import fathom::water
 
 struct Trace {
@@ -63,7 +66,7 @@ fn edge_step(settings: Trace, depth: texture_depth_2d) -> f32 {
 // outermost texels' middles extrapolated; across a step of more than `edge` the nearest texel counts.
 fn seen_depth(depth: texture_depth_2d, texels: sampler, edge: f32, ndc: vec2<f32>) -> f32 {
     let size = vec2<f32>(textureDimensions(depth));
-    let place = (ndc * vec2(0.5, -0.5) + 0.5) * size - 0.5;
+    let place = to_pixels(ndc, size) - 0.5;
     let base = clamp(floor(place), vec2(0.0), max(size - 2.0, vec2(0.0)));
     let f = place - base;
     // The corner where four texels meet: no rounding of the sampler's can choose others.
@@ -80,7 +83,7 @@ fn seen_depth(depth: texture_depth_2d, texels: sampler, edge: f32, ndc: vec2<f32
 }
 
 fn unproject(ndc: vec3<f32>) -> vec3<f32> {
-    return divide(frame.light_inverse * vec4(ndc, 1.0));
+    return perspective_divide(frame.light_inverse * vec4(ndc, 1.0));
 }
 
 // One photon at a place of the grid.
@@ -117,7 +120,7 @@ fn fixed_point(
     var residual = 0.0;
     for (var i = 0u; i < settings.iterations; i++) {
         let estimate = entry + d * refracted;
-        let ndc = divide(frame.light_view_projection * vec4(estimate, 1.0));
+        let ndc = perspective_divide(frame.light_view_projection * vec4(estimate, 1.0));
         let place = clamp(ndc.xy, vec2(-1.0), vec2(1.0));
         let z = seen_depth(depth, texels, edge, place);
         let last = i + 1u == settings.iterations;
@@ -153,16 +156,6 @@ struct Place {
     gap: f32,
 }
 
-// The part of a range of shares in which a quantity that goes from a to b is not negative.
-fn clipped(range: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
-    let crossing = a / (a - b);
-    if a < 0.0 && b < 0.0 {
-        return vec2(1.0, 0.0);
-    }
-    return vec2(
-        select(range.x, max(range.x, crossing), a < 0.0), select(range.y, min(range.y, crossing), b < 0.0));
-}
-
 // Least fall of a ray per metre: a shallower one is followed to where this one would end.
 const LEAST_FALL: f32 = 1e-3;
 
@@ -170,16 +163,11 @@ fn path(settings: Trace, entry: vec3<f32>, direction: vec3<f32>, edge: f32) -> P
     let reach_m = max(entry.y - settings.bottom_m, 0.0) / max(-direction.y, LEAST_FALL);
     let a = frame.light_view_projection * vec4(entry, 1.0);
     let b = frame.light_view_projection * vec4(entry + reach_m * direction, 1.0);
-    var range = clipped(vec2(0.0, 1.0), a.w + a.x, b.w + b.x);
-    range = clipped(range, a.w - a.x, b.w - b.x);
-    range = clipped(range, a.w + a.y, b.w + b.y);
-    range = clipped(range, a.w - a.y, b.w - b.y);
-    range = clipped(range, a.z, b.z);
-    range = clipped(range, a.w - a.z, b.w - b.z);
+    let range = cut(cut_to_sides(a, b), a.w - a.z, b.w - b.z);
     let begin = mix(a, b, range.x);
     let end = mix(a, b, range.y);
     return Path(
-        entry, direction, divide(begin), divide(end), vec2(begin.w, end.w), reach_m * range, range.y >= 1.0,
+        entry, direction, perspective_divide(begin), perspective_divide(end), vec2(begin.w, end.w), reach_m * range, range.y >= 1.0,
         edge);
 }
 

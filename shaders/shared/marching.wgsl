@@ -14,7 +14,7 @@
 //   SLICED    1: a pass marches a slice of the rays, as more would exceed the turns that adapters make of an invocation's loops
 #define_import_path fathom::marching
 
-#import fathom::random::{pcg, unit}
+#import fathom::random::{GOLDEN, pcg, unit}
 #import fathom::slice::{Slice}
 #import fathom::sphere::{cosine_direction, hemisphere_direction, tangent_frame}
 #import fathom::voxels::{Grid, to_cells}
@@ -45,8 +45,6 @@ struct March {
 @group(1) @binding(5) var<storage, read_write> sums: array<f32>;
 #endif
 
-// 2³² / golden ratio: steps of the lattice's second coordinate.
-const GOLDEN: u32 = 0x9E3779B9u;
 // Level of the pyramid that is asked: cells of 4³ voxels. The fastest of 1 to 4 on scenes bunny_dry and sponza.
 const SKIP_LEVEL: i32 = 2;
 // Samples this near to a cell's wall are taken, as rounding may have put them on the wrong side, voxels.
@@ -95,13 +93,18 @@ fn density(place: vec3<f32>) -> f32 {
     return textureSampleLevel(volume, trilinear, place / vec3<f32>(grid.cells), 0.0).r;
 }
 
-// Distances at which a ray enters and leaves the grid.
+// Distances at which a ray enters the grid, and at which it leaves it or ends.
 fn clip(origin: vec3<f32>, direction: vec3<f32>) -> vec2<f32> {
     let a = -origin / direction;
     let b = (vec3<f32>(grid.cells) - origin) / direction;
     let enter = min(a, b);
     let leave = max(a, b);
-    return vec2(max(max(enter.x, enter.y), enter.z), min(min(leave.x, leave.y), leave.z));
+    return vec2(max(max(enter.x, enter.y), enter.z), min(min(min(leave.x, leave.y), leave.z), march.r_max));
+}
+
+// Steps from a ray's sample at `first` to its first one in the grid.
+fn steps_to(enter: f32, first: f32) -> f32 {
+    return max(ceil((enter - first) / march.step), 0.0);
 }
 
 #if SKIPPING == 1
@@ -150,107 +153,127 @@ fn first_sample(cosine: f32, ray: u32, seed: u32) -> f32 {
 #endif
 }
 
-// Obscurity ρ of what a ray meets from its sample at `first` on, 0 where it meets nothing. `v0` is V where the ray begins.
+// V at a sample of a ray, and steps to the next sample.
+struct Sample {
+    v: f32,
+    steps: f32,
+}
+
+// The sample at a position; outside the volume V is 0. With `may_skip` the steps lead out of an empty cell, in which V is 0 at every sample
+// and between them.
+fn sample_at(position: vec3<f32>, direction: vec3<f32>, is_inside: bool, may_skip: bool) -> Sample {
+    var empty = 0.0;
+#if SKIPPING == 1
+    if is_inside && may_skip {
+        empty = empty_steps(position, direction);
+    }
+#endif
+    var v = 0.0;
+    if is_inside && empty == 0.0 {
+        v = density(position);
+    }
+    return Sample(v, max(empty, 1.0));
+}
+
+// Obscurity along a ray from its sample at distance `first` on, 0 where it meets nothing. `v0` is V where the ray begins.
+#if OPACITY == 1
 fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
     let range = clip(origin, direction);
-    let end = min(range.y, march.r_max);
-    if range.x >= end {
+    if range.x >= range.y {
         return 0.0;
     }
-    var k = max(ceil((range.x - first) / march.step), 0.0);
-    var d = first + k * march.step;
-#if OPACITY == 1
+    var k = steps_to(range.x, first);
     var open = 1.0;
-#endif
-    // Outside the volume V is 0.
     var previous = select(v0, 0.0, k > 0.0);
-    // Samples between two at the ends of a step that are still to be taken.
-    var left = 0u;
-    // Steps from this sample to the next one to take.
-    var jump = 1.0;
-#if PEAK == 1
-    // One loop for both lengths of step, so that lanes that look between samples share its turns with those that do not. `ahead` is V at
-    // the sample behind those between.
-    let part = march.step / f32(PARTS);
-    var ahead = 0.0;
-    // Largest change of V over a step: trilinear V changes by at most 1 a voxel along each axis.
-    let most_change = march.step * dot(abs(direction), vec3(1.0));
-#endif
-    // A peak may lie between the volume's border and the sample before or behind it.
-    while d < march.r_max {
-        let place = origin + d * direction;
-        let inside = d >= range.x && d < end;
-        var v = 0.0;
-#if SKIPPING == 1
-        // In an empty cell V is 0 at this sample, at the others that are left out, and between them. Samples between this one and the one
-        // before lie outside the cell and are taken as they would be without skipping.
-        var empty = 0.0;
-        if left == 0u && inside {
-            empty = empty_steps(place, direction);
-            jump = max(empty, 1.0);
-        }
-        if inside && empty == 0.0 {
-            v = density(place);
-        }
-#else
-        if inside {
-            v = density(place);
-        }
-#endif
-#if OPACITY == 1
+    for (var d = first + k * march.step; d < range.y; d = first + k * march.step) {
+        let found = sample_at(origin + d * direction, direction, d >= range.x, true);
         // Eq. 4: falling V is rejected.
-        if v >= previous {
-            open *= max(1.0 - v, 0.0);
-            if v >= march.threshold || open <= 0.0 {
+        if found.v >= previous {
+            open *= max(1.0 - found.v, 0.0);
+            if found.v >= march.threshold || open <= 0.0 {
                 break;
             }
         }
-#else
-#if PEAK == 1
-        let gap = select(march.step, part, left > 0u);
-        if left > 0u {
-            left--;
-            if left == 0u && v < march.threshold {
+        previous = found.v;
+        k += found.steps;
+    }
+    return 1.0 - pow(open, march.step);
+}
+#else if PEAK == 1
+fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
+    let range = clip(origin, direction);
+    if range.x >= range.y {
+        return 0.0;
+    }
+    var k = steps_to(range.x, first);
+    var d = first + k * march.step;
+    var steps = 1.0;
+    var previous = select(v0, 0.0, k > 0.0);
+    // Largest change of V over a step: trilinear V changes by at most 1 a voxel along each axis.
+    let max_change = march.step * dot(abs(direction), vec3(1.0));
+    // One loop for both lengths of step, so that lanes that sample parts of a step share its iterations with those that do not. `ahead` is V
+    // at the end of such a step.
+    let part = march.step / f32(PARTS);
+    var parts_left = 0u;
+    var ahead = 0.0;
+    // A peak may lie between the volume's border and the sample before or behind it.
+    while d < march.r_max {
+        let found = sample_at(origin + d * direction, direction, d >= range.x && d < range.y, parts_left == 0u);
+        var v = found.v;
+        let gap = select(march.step, part, parts_left > 0u);
+        if parts_left > 0u {
+            parts_left--;
+            if parts_left == 0u && v < march.threshold {
                 previous = v;
                 v = ahead;
                 d += part;
             }
-        } else if previous < march.threshold && previous + v + most_change >= 2.0 * march.threshold {
+        } else {
+            steps = found.steps;
             // Between other pairs of samples V stays below the threshold.
-            ahead = v;
-            left = PARTS - 1u;
-            d -= f32(left) * part;
-            continue;
+            if previous < march.threshold && previous + v + max_change >= 2.0 * march.threshold {
+                ahead = v;
+                parts_left = PARTS - 1u;
+                d -= f32(parts_left) * part;
+                continue;
+            }
         }
-#endif
         if v >= march.threshold {
-#if PEAK == 1
             if previous < march.threshold {
                 d = crossing(d - gap, previous, d, v);
             }
-#endif
             return attenuated(d);
         }
-#endif
         previous = v;
-#if PEAK == 1
-        if left > 0u {
+        if parts_left > 0u {
             d += part;
             continue;
         }
-#endif
-        if d >= end {
+        if d >= range.y {
             break;
         }
-        k += jump;
+        k += steps;
         d = first + k * march.step;
     }
-#if OPACITY == 1
-    return 1.0 - pow(open, march.step);
-#else
     return 0.0;
-#endif
 }
+#else
+fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
+    let range = clip(origin, direction);
+    if range.x >= range.y {
+        return 0.0;
+    }
+    var k = steps_to(range.x, first);
+    for (var d = first + k * march.step; d < range.y; d = first + k * march.step) {
+        let found = sample_at(origin + d * direction, direction, d >= range.x, true);
+        if found.v >= march.threshold {
+            return attenuated(d);
+        }
+        k += found.steps;
+    }
+    return 0.0;
+}
+#endif
 
 // Sum over these rays of what they meet, from a point with its unit normal; 0 where none reaches the volume.
 fn gathered(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, first_ray: u32, end_ray: u32) -> f32 {

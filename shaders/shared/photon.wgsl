@@ -1,6 +1,9 @@
 // Photons from the light to the water, and what they carry into it: UW §3.3. Where they land: fathom::estimator.
 #define_import_path fathom::photon
 
+#import fathom::math::{perspective_divide}
+#import fathom::screen::{to_pixels}
+#import fathom::shading::{to_light}
 #import fathom::uniforms::{frame}
 #import fathom::water
 
@@ -37,14 +40,10 @@ struct Ray {
     direction: vec3<f32>,
 }
 
-fn divide(v: vec4<f32>) -> vec3<f32> {
-    return v.xyz / v.w;
-}
-
 // Ray of a photon at a place of the grid, from the light's near plane on.
 fn photon_ray(place: vec2<f32>) -> Ray {
-    let near = divide(frame.photon_grid * vec4(place, 0.0, 1.0));
-    let far = divide(frame.photon_grid * vec4(place, 1.0, 1.0));
+    let near = perspective_divide(frame.photon_grid * vec4(place, 0.0, 1.0));
+    let far = perspective_divide(frame.photon_grid * vec4(place, 1.0, 1.0));
     return Ray(near, normalize(far - near));
 }
 
@@ -81,8 +80,23 @@ fn above_water(ray: Ray, t: f32) -> Above {
     return Above(t, p.y - h.x, ray.direction.y - dot(h.yz, ray.direction.xz), h.yz);
 }
 
-// Linear search between the planes of crest and trough within the water's rectangle. A step with both ends above the water is also
-// looked at where the ray is lowest over it, by the changes at its ends: waves are smooth within a step.
+// Where a step of a search is looked at: at its end, or between its ends where both lie on one side of the water, the upper (1) or the lower
+// (−1), and the ray comes nearest to the water, by the changes at its ends: waves are smooth within a step.
+fn nearest_of_step(ray: Ray, before: Above, after: Above, side: f32) -> Above {
+    if side * after.height_m > 0.0 && side * before.rate < 0.0 && side * after.rate > 0.0 {
+        return above_water(ray, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
+    }
+    return after;
+}
+
+// Where a ray meets the water between a point on this side of it and one on the other.
+fn entry_between(ray: Ray, before: Above, behind: Above, side: f32) -> Entry {
+    let t = mix(before.t, behind.t, before.height_m / (before.height_m - behind.height_m));
+    let is_down = side > 0.0;
+    return refined(ray, select(behind.t, before.t, is_down), select(before.t, behind.t, is_down), t);
+}
+
+// Linear search between the planes of crest and trough within the water's rectangle.
 fn first_entry(ray: Ray) -> Entry {
     let tiny = abs(ray.direction) < vec3(LEAST_COMPONENT);
     let direction = select(ray.direction, vec3(LEAST_COMPONENT), tiny);
@@ -98,13 +112,9 @@ fn first_entry(ray: Ray) -> Entry {
     var before = above_water(within, 0.0);
     for (var i = 1.0; i <= steps && length_m > 0.0; i += 1.0) {
         let after = above_water(within, i / steps * length_m);
-        var behind = after;
-        if after.height_m > 0.0 && before.rate < 0.0 && after.rate > 0.0 {
-            behind = above_water(within, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
-        }
+        let behind = nearest_of_step(within, before, after, 1.0);
         if before.height_m > 0.0 && behind.height_m <= 0.0 {
-            let t = mix(before.t, behind.t, before.height_m / (before.height_m - behind.height_m));
-            return refined(within, before.t, behind.t, t);
+            return entry_between(within, before, behind, 1.0);
         }
         before = after;
     }
@@ -142,9 +152,9 @@ fn refined(ray: Ray, above_t: f32, below_t: f32, first_t: f32) -> Entry {
 
 // Whether the light that enters the water here comes past what stands above it. Nothing is known beyond the light's frustum.
 fn in_mask(mask: texture_2d<f32>, entry_m: vec3<f32>) -> bool {
-    let ndc = divide(frame.light_view_projection * vec4(entry_m, 1.0)).xy;
+    let ndc = perspective_divide(frame.light_view_projection * vec4(entry_m, 1.0)).xy;
     let size = vec2<f32>(textureDimensions(mask));
-    let texel = vec2<i32>((ndc * vec2(0.5, -0.5) + 0.5) * size);
+    let texel = vec2<i32>(to_pixels(ndc, size));
     return all(abs(ndc) < vec2(1.0)) && textureLoad(mask, texel, 0).x > 0.5;
 }
 
@@ -154,16 +164,8 @@ fn angular_weight(entry_m: vec3<f32>) -> f32 {
     if frame.light_is_point == 0u {
         return 1.0;
     }
-    let cosine = dot(normalize(entry_m - frame.light_position_m), frame.light_forward);
+    let cosine = dot(-to_light(entry_m), frame.light_forward);
     return cosine * cosine * cosine;
-}
-
-// Direction in which the light reaches a point.
-fn light_direction(p: vec3<f32>) -> vec3<f32> {
-    if frame.light_is_point == 0u {
-        return frame.light_forward;
-    }
-    return normalize(p - frame.light_position_m);
 }
 
 // Share of unpolarised light that passes from air into water (Fresnel), for unit directions before and behind the surface.
@@ -189,5 +191,5 @@ fn entered(photon: Photon) -> f32 {
         return 1.0;
     }
     let refracted = (photon.hit_m - photon.entry_m) / photon.distance_m;
-    return transmittance(light_direction(photon.entry_m), refracted);
+    return transmittance(-to_light(photon.entry_m), refracted);
 }

@@ -2,7 +2,7 @@
 #define_import_path fathom::picture
 
 #import fathom::uniforms::{frame, world_at}
-#import fathom::shading::{SHAFT_TINT, fog, sky}
+#import fathom::shading::{fog, sky}
 #import fathom::shading
 
 struct Picture {
@@ -50,9 +50,4 @@ fn background(place_m: vec3<f32>) -> vec3<f32> {
 
 fn display(radiance: vec3<f32>) -> vec4<f32> {
     return shading::display(radiance, picture.exposure);
-}
-
-// Radiance of shafts of light. The texels hold W; the scale is the radiance for each of them, 1/(m² sr).
-fn shafts(texels: texture_2d<f32>, texel: vec2<i32>) -> vec3<f32> {
-    return picture.scale * textureLoad(texels, texel, 0).x * SHAFT_TINT;
 }

@@ -2,6 +2,7 @@
 #define_import_path fathom::ray_cast
 
 #import fathom::uniforms::{frame}
+#import fathom::math::{perspective_divide}
 #import fathom::random::{pcg}
 #import fathom::scalar_field::{through_box}
 #import fathom::shading::{to_light}
@@ -52,8 +53,7 @@ struct Ray {
 }
 
 fn unproject(clip: vec3<f32>) -> vec3<f32> {
-    let p = frame.camera_inverse * vec4(clip, 1.0);
-    return p.xyz / p.w;
+    return perspective_divide(frame.camera_inverse * vec4(clip, 1.0));
 }
 
 // The camera's ray through a pixel, cut to the box.

@@ -9,6 +9,8 @@
 // that have entered glass: SPT §4. TEST 3 holds them against the depths of two layers, of one texel, and TEST 4 against all layers.
 #define_import_path fathom::screen_ray
 
+#import fathom::clip::{cut, cut_to_sides}
+#import fathom::screen::{to_pixels}
 #import fathom::uniforms::{frame, world_at, view_depth_m}
 #import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
@@ -65,7 +67,7 @@ const SAME_PLANE: f32 = 0.99;
 const NOTHING: Segment = Segment(vec4<f32>(0.0), vec4<f32>(0.0), 0.0, 0.0, 0.0);
 
 fn place_px(walk: Walk, clip: vec4<f32>) -> vec2<f32> {
-    return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * walk.size_px;
+    return to_pixels(clip.xy / clip.w, walk.size_px);
 }
 
 fn texel_at(walk: Walk, place_px: vec2<f32>) -> vec2<i32> {
@@ -80,20 +82,6 @@ fn leaves_m(walk: Walk, ray: Transfer) -> f32 {
     return max(min(exits.x, min(exits.y, exits.z)), 0.0);
 }
 
-// The part of (first, last), shares of the way from a to b, on which a clip plane's distance is not negative.
-fn cut(part: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
-    if a < 0.0 && b < 0.0 {
-        return vec2(1.0, 0.0);
-    }
-    if a < 0.0 {
-        return vec2(max(part.x, a / (a - b)), part.y);
-    }
-    if b < 0.0 {
-        return vec2(part.x, min(part.y, a / (a - b)));
-    }
-    return part;
-}
-
 fn segment(walk: Walk, ray: Transfer) -> Segment {
     let end_m = leaves_m(walk, ray);
     if !is_on_its_way(ray) || end_m <= walk.start_m {
@@ -101,14 +89,8 @@ fn segment(walk: Walk, ray: Transfer) -> Segment {
     }
     let a = frame.camera_view_projection * vec4(ray.position_m + walk.start_m * ray.direction, 1.0);
     let b = frame.camera_view_projection * vec4(ray.position_m + end_m * ray.direction, 1.0);
-    var part = vec2(0.0, 1.0);
-    part = cut(part, a.w + a.x, b.w + b.x);
-    part = cut(part, a.w - a.x, b.w - b.x);
-    part = cut(part, a.w + a.y, b.w + b.y);
-    part = cut(part, a.w - a.y, b.w - b.y);
-    part = cut(part, a.z, b.z);
     let far_m = BEYOND_FAR * frame.z_far_m;
-    part = cut(part, far_m - a.w, far_m - b.w);
+    let part = cut(cut_to_sides(a, b), far_m - a.w, far_m - b.w);
     if part.x >= part.y {
         return NOTHING;
     }

@@ -2,9 +2,9 @@
 // evenly, and well spread for each.
 #define_import_path fathom::sphere
 
+#import fathom::math::{TAU}
 #import fathom::random::{pcg, unit}
 
-const TAU: f32 = 6.28318531;
 // Kronecker sequence with the powers of the plastic number's inverse (Roberts, "The Unreasonable Effectiveness of
 // Quasirandom Sequences", 2018): directions spread over two dimensions, and the third is free for a jitter.
 const PLASTIC: vec2<f32> = vec2<f32>(0.75487767, 0.56984029);

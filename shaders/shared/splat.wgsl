@@ -3,6 +3,7 @@
 
 #import fathom::uniforms::{frame}
 #import fathom::photon::{Photon, angular_weight, entered, has_landed}
+#import fathom::screen::{to_pixels}
 #if SURFACE == 1
 #import fathom::uniforms::{view_depth_m}
 #import fathom::surface_plane::{depth_texel, plane_at}
@@ -67,7 +68,7 @@ fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Squ
     let to_viewer = frame.camera_position_m - photon.hit_m;
     let viewer_distance = length(to_viewer);
     let side_px = settings.size_a_px + settings.size_b_px_m / viewer_distance;
-    let place_px = (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * settings.size_px;
+    let place_px = to_pixels(clip.xy / clip.w, settings.size_px);
     splat.center_px = place_px - 0.5;
     splat.first = clamp(ceil(splat.center_px - 0.5 * side_px), vec2(0.0), settings.size_px);
     splat.end = clamp(ceil(splat.center_px + 0.5 * side_px), vec2(0.0), settings.size_px);

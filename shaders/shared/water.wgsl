@@ -2,6 +2,7 @@
 // 1: a list of waves.
 #define_import_path fathom::water
 
+#import fathom::math::{TAU}
 #import fathom::uniforms::{frame, water_texels}
 
 #if WATER == 0
@@ -39,8 +40,6 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
     return frame.water_amplitude_m * h;
 }
 #else
-const TAU: f32 = 6.28318530717958648;
-
 // The same angle within ±π, where every adapter's sine is at its best.
 fn turned(angle: f32) -> f32 {
     return angle - TAU * round(angle / TAU);

@@ -1,8 +1,8 @@
 // defs: DRY=0, SHAFTS=0
 // The picture: what the camera sees, lit by the sprites and by the sky, with shafts of light over it. DRY 1 gives the radiance of what is
 // seen without the water before it.
-#import fathom::picture::{background, display, lambert, normal_at, seen_at, shafts}
-#import fathom::shading::{WATER_TINT, ambient, direct, fog, water_path_m}
+#import fathom::picture::{background, display, lambert, normal_at, picture, seen_at}
+#import fathom::shading::{WATER_TINT, ambient, direct, fog, shafts, water_path_m}
 
 // W/m².
 @group(1) @binding(4) var irradiance_texels: texture_2d<f32>;
@@ -28,7 +28,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         radiance = background(place);
     }
 #if SHAFTS == 1
-    radiance += shafts(shaft_texels, seen.texel);
+    radiance += shafts(textureLoad(shaft_texels, seen.texel, 0).x, picture.scale);
 #endif
     return display(radiance);
 #endif

@@ -4,6 +4,7 @@
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{surface_near, texel_of}
 #import fathom::photon::{Photon, has_landed}
+#import fathom::screen::{NOT_DRAWN}
 
 struct Sprites {
     size_px: vec2<f32>,
@@ -36,7 +37,7 @@ struct Varying {
     @location(2) @interpolate(flat) rise_w_m3: f32,
 }
 
-const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), vec3<f32>(0.0), 0.0);
+const NOWHERE: Varying = Varying(NOT_DRAWN, vec3<f32>(0.0), vec3<f32>(0.0), 0.0);
 // Sight along a plane meets it nowhere.
 const LEAST_COSINE: f32 = 1e-4;
 

@@ -5,6 +5,7 @@
 // A Deep Dive, SIGGRAPH 2021), by edge functions (Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988) and the rule
 // of raster units: corners are rounded to steps of a pixel, and a centre on an edge counts if the edge is a top or a left one.
 #import fathom::dispatch::{GROUP, place}
+#import fathom::pass_axes::{swizzled}
 #import fathom::voxels::{Grid, to_cells}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -22,24 +23,13 @@ struct Varying {
     @location(0) @interpolate(perspective) depth: f32,
 }
 
-// Column and row of the pass, and depth.
-fn turned(v: vec3<f32>) -> vec3<f32> {
-#if AXIS == 0
-    return v.yzx;
-#else if AXIS == 1
-    return v.xzy;
-#else
-    return v.xyz;
-#endif
-}
-
 fn pass_cells() -> vec3<u32> {
-    return vec3<u32>(turned(vec3<f32>(grid.cells)));
+    return vec3<u32>(swizzled(vec3<f32>(grid.cells)));
 }
 
 // In pixels and slices.
 fn turned_place(position_m: vec3<f32>) -> vec3<f32> {
-    return turned(to_cells(grid, position_m));
+    return swizzled(to_cells(grid, position_m));
 }
 
 @vertex
