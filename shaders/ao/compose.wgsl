@@ -36,9 +36,9 @@ fn lit_share(position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     if any(abs(ndc.xy) > vec2(1.0)) {
         return 1.0;
     }
-    let place = screen::to_pixels(ndc.xy, size) - 0.5;
-    let base = floor(place);
-    let f = place - base;
+    let texel_px = screen::to_pixels(ndc.xy, size) - 0.5;
+    let base = floor(texel_px);
+    let f = texel_px - base;
     let low = vec2<i32>(base);
     let upper = mix(open_at(low, ndc.z), open_at(low + vec2(1, 0), ndc.z), f.x);
     let lower = mix(open_at(low + vec2(0, 1), ndc.z), open_at(low + vec2(1, 1), ndc.z), f.x);
@@ -50,8 +50,8 @@ fn lit_share(position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
 fn reflected(
     color: vec3<f32>, specular: f32, normal: vec3<f32>, to_light: vec3<f32>, to_viewer: vec3<f32>
 ) -> vec3<f32> {
-    let half_way = normalize(to_light + to_viewer);
-    let lobe = (GLOSS + 8.0) / (8.0 * PI) * pow(saturate(dot(normal, half_way)), GLOSS);
+    let half_vector = normalize(to_light + to_viewer);
+    let lobe = (GLOSS + 8.0) / (8.0 * PI) * pow(saturate(dot(normal, half_vector)), GLOSS);
     return (color / PI + specular * lobe) * saturate(dot(normal, to_light));
 }
 

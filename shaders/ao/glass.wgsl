@@ -1,6 +1,6 @@
 // Transparent objects over the composed picture, by their opacities: VAO §5.2.2, Fig. 6.
 //
-// Objects are drawn back to front, each first by the faces that look away: instance 0, then by those that look here: instance 1.
+// Objects are drawn back to front, each first by the faces that point away from the camera (instance 0), then by those that face it (1).
 // Light is that of `ao/compose` without shadow and occlusion.
 #import fathom::uniforms::{frame}
 #import fathom::math::{PI}

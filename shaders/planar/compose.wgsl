@@ -3,7 +3,7 @@
 // MAP 1: the illumination map of the floor in its place.
 #import fathom::math::{PI}
 #import fathom::picture::{background, display, lambert, normal_at, seen_at, picture}
-#import fathom::pool::{NONE, Pool, face_at, place}
+#import fathom::pool::{NONE, Pool, face_at, face_uv}
 #import fathom::shading::{WATER_TINT, ambient, direct, fog, water_path_m}
 
 @group(1) @binding(4) var<uniform> pool: Pool;
@@ -32,7 +32,7 @@ fn photons(p_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     if face == NONE {
         return 0.0;
     }
-    let at = place(pool, face, p_m) * f32(pool.texels) - 0.5;
+    let at = face_uv(pool, face, p_m) * f32(pool.texels) - 0.5;
     let base = floor(at);
     let f = at - base;
     let first = vec2<i32>(base);

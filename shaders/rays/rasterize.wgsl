@@ -1,5 +1,5 @@
 // defs: TEST=1, WATER=0
-// A line for each photon into its own row, as many pixels long as the ray on the screen; each fragment is held against all
+// A line for each photon into its own row, as many pixels long as the ray on the screen; each fragment tests a step of the ray against all
 // layers: SPT §2.1.
 #import fathom::screen::{NOT_DRAWN}
 #import fathom::screen_ray::{Segment, Walk, hit, segment}
@@ -19,7 +19,7 @@ struct Varying {
     @location(3) @interpolate(flat) photon: u32,
 }
 
-// So far into a pixel lines begin and end: they leave the diamonds of just the pixels that they should draw.
+// Lines begin and end so far within a pixel: by the diamond-exit rule they draw just the pixels that they should.
 const INSET_PX: f32 = 0.25;
 
 @vertex

@@ -104,7 +104,7 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jit
 // A of VAO Eq. 1 by cosine-distributed rays.
 fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let shift = shift_of(seed);
-    let turn = tangent_frame(normal);
+    let basis = tangent_frame(normal);
 #if OPACITY == 1
     let first = windowed(value(position_m, 0.0));
 #else
@@ -113,7 +113,7 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
         let point = shifted_point(j, march.rays, shift);
-        sum += obscurity(position_m, normal, turn * cosine_direction(point.xy), point.z, first);
+        sum += obscurity(position_m, normal, basis * cosine_direction(point.xy), point.z, first);
     }
     return sum / f32(march.rays);
 }

@@ -1,4 +1,4 @@
-// What layered depth holds at a place.
+// Look-ups in layered depth images.
 #define_import_path fathom::layers
 
 #import fathom::screen::{to_pixels}

@@ -5,13 +5,13 @@
 //   RANDOM    1: independent directions; 0: a lattice, shifted by the seed
 //   HARD      1: ρ = 1; 0: ρ = 1 − d / r_max
 //   GUARD     1: guard distance over the cosine (Eq. 2); 0: constant
-//   SKIPPING  1: empty cells of the pyramid are left in one go
+//   SKIPPING  1: rays leave empty cells of the pyramid in one step
 //   OPACITY   1: samples are opacities, gathered along the ray (Eq. 7); 0: the first above the threshold ends it
 //   PEAK      1: where V can exceed the threshold between two samples, it is sampled in fifths of the step between them, and a hit lies
 //             where V, linear between two of these, crosses the threshold; 0: a hit lies at the sample
 //   JITTER    1: each ray's samples are moved along it by a random share of a step; 0: all rays begin at the guard distance
 //   COUNT     1: counts samples and look-ups of the pyramid
-//   SLICED    1: a pass marches a slice of the rays, as more would exceed the turns that adapters make of an invocation's loops
+//   SLICED    1: a pass marches a slice of the rays, as more would exceed the iterations that adapters allow an invocation
 #define_import_path fathom::marching
 
 #import fathom::random::{GOLDEN, pcg, unit}
@@ -53,7 +53,7 @@ const WALL: f32 = 1e-3;
 // A wall of one voxel along an axis exceeds the default's 0.9 over 2 (1 − 0.9) voxels: a fifth of the default's step.
 const PARTS: u32 = 5u;
 // Shortest component of a direction, so that none divides by 0.
-const LEAST: f32 = 1e-7;
+const MIN_COMPONENT: f32 = 1e-7;
 
 #if COUNT == 1
 var<private> taken: u32 = 0u;
@@ -86,11 +86,11 @@ fn local_direction(ray: u32, seed: u32) -> vec3<f32> {
 }
 
 // V at a place, trilinear between voxel centres; up to half a voxel inside the border the border's.
-fn density(place: vec3<f32>) -> f32 {
+fn density(position: vec3<f32>) -> f32 {
 #if COUNT == 1
     taken++;
 #endif
-    return textureSampleLevel(volume, trilinear, place / vec3<f32>(grid.cells), 0.0).r;
+    return textureSampleLevel(volume, trilinear, position / vec3<f32>(grid.cells), 0.0).r;
 }
 
 // Distances at which a ray enters the grid, and at which it leaves it or ends.
@@ -109,18 +109,18 @@ fn steps_to(enter: f32, first: f32) -> f32 {
 
 #if SKIPPING == 1
 // Steps from a place to the first one outside its cell of the pyramid; 0 where the cell is not empty.
-fn empty_steps(place: vec3<f32>, direction: vec3<f32>) -> f32 {
+fn empty_steps(position: vec3<f32>, direction: vec3<f32>) -> f32 {
 #if COUNT == 1
     looked_up++;
 #endif
     let edge = f32(1u << u32(SKIP_LEVEL));
-    let cell = floor(place / edge);
+    let cell = floor(position / edge);
     let last = vec3<i32>(textureDimensions(volume, SKIP_LEVEL)) - 1;
     if textureLoad(volume, clamp(vec3<i32>(cell), vec3(0), last), SKIP_LEVEL).r > 0.0 {
         return 0.0;
     }
     let walls = (cell + step(vec3(0.0), direction)) * edge;
-    let t = (walls - place) / direction;
+    let t = (walls - position) / direction;
     return floor((min(min(t.x, t.y), t.z) - WALL) / march.step) + 1.0;
 }
 #endif
@@ -175,13 +175,10 @@ fn sample_at(position: vec3<f32>, direction: vec3<f32>, is_inside: bool, may_ski
     return Sample(v, max(empty, 1.0));
 }
 
-// Obscurity along a ray from its sample at distance `first` on, 0 where it meets nothing. `v0` is V where the ray begins.
+// Obscurity along a ray over a range of distances, 0 where it meets nothing. `first` is the distance of its first sample, `v0` V where it
+// begins.
 #if OPACITY == 1
-fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
-    let range = clip(origin, direction);
-    if range.x >= range.y {
-        return 0.0;
-    }
+fn obscurity(origin: vec3<f32>, direction: vec3<f32>, range: vec2<f32>, first: f32, v0: f32) -> f32 {
     var k = steps_to(range.x, first);
     var open = 1.0;
     var previous = select(v0, 0.0, k > 0.0);
@@ -200,11 +197,7 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
     return 1.0 - pow(open, march.step);
 }
 #else if PEAK == 1
-fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
-    let range = clip(origin, direction);
-    if range.x >= range.y {
-        return 0.0;
-    }
+fn obscurity(origin: vec3<f32>, direction: vec3<f32>, range: vec2<f32>, first: f32, v0: f32) -> f32 {
     var k = steps_to(range.x, first);
     var d = first + k * march.step;
     var steps = 1.0;
@@ -258,11 +251,7 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
     return 0.0;
 }
 #else
-fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
-    let range = clip(origin, direction);
-    if range.x >= range.y {
-        return 0.0;
-    }
+fn obscurity(origin: vec3<f32>, direction: vec3<f32>, range: vec2<f32>, first: f32, v0: f32) -> f32 {
     var k = steps_to(range.x, first);
     for (var d = first + k * march.step; d < range.y; d = first + k * march.step) {
         let found = sample_at(origin + d * direction, direction, d >= range.x, true);
@@ -295,8 +284,12 @@ fn gathered(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, first_ray: u32,
     for (var ray = first_ray; ray < end_ray; ray++) {
         let local = local_direction(ray, seed);
         let across = rotation * local;
-        let direction = select(across, vec3(LEAST), abs(across) < vec3(LEAST));
-        let rho = obscurity(origin, direction, first_sample(local.z, ray, seed), v0);
+        let direction = select(across, vec3(MIN_COMPONENT), abs(across) < vec3(MIN_COMPONENT));
+        let range = clip(origin, direction);
+        if range.x >= range.y {
+            continue;
+        }
+        let rho = obscurity(origin, direction, range, first_sample(local.z, ray, seed), v0);
 #if UNIFORM == 0
         sum += rho;
 #else

@@ -1,8 +1,7 @@
 // Participating media along view rays, with ambient occlusion at each contributing sample. VAO §5.2.2 to §5.2.4.
 //
-// V of the equations is the windowed value. BEER 1: it is a density (Eq. 5); 0: an opacity (Eq. 7). REJECTION 1: samples
-// of falling density do not count (Eq. 4). SLICED 1: a pass takes a slice of the steps along the view ray. SPHERE 1: positional ambient occlusion (Eq. 8); 0: over the hemisphere down
-// the gradient (Eq. 3).
+// V of the equations is the windowed value. BEER 1: it is a density (Eq. 5); 0: an opacity (Eq. 7). SLICED 1: a pass takes a slice of the
+// steps along the view ray. SPHERE 1: positional ambient occlusion (Eq. 8); 0: over the hemisphere down the gradient (Eq. 3).
 #define_import_path fathom::media
 
 #import fathom::obscurance::{obscurance}
@@ -46,7 +45,7 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let shift = shift_of(seed);
     let first = windowed(value(position_m, march.level));
 #if SPHERE == 0
-    let turn = tangent_frame(normal);
+    let basis = tangent_frame(normal);
 #endif
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
@@ -54,7 +53,7 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
 #if SPHERE == 1
         let direction = sphere_direction(point.xy);
 #else
-        let direction = turn * cosine_direction(point.xy);
+        let direction = basis * cosine_direction(point.xy);
 #endif
         sum += obscurance(position_m, direction, point.z, first, march.level);
     }

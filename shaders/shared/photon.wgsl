@@ -9,20 +9,25 @@
 
 struct Photon {
     entry_m: vec3<f32>,
-    // One of those below; of a photon that lands the bits of the distance between where it lands and what the light sees there.
+    // A tag, one of those below, or of a photon that has landed `landed_fate`.
     fate: u32,
     hit_m: vec3<f32>,
     // From entry to hit.
     distance_m: f32,
 }
 
-// Fates of photons that do not land. Host twins: src/stages/shared/photon.rs.
+// Fates of photons that have not landed: the upper bit tells them from a residual. The host reads them in src/stages/shared/photon.rs.
 // It never enters the water.
-const MISSED: u32 = 0xbf800000u;
+const MISSED: u32 = 0x80000001u;
 // It left the light's frustum, or meets nothing.
-const OUTSIDE: u32 = 0xc0000000u;
-// It is still between mirrors or glass after the most bounces.
-const STILL_BOUNCING: u32 = 0xc0400000u;
+const OUTSIDE: u32 = 0x80000002u;
+// It is still between mirrors or glass after its last bounce.
+const STILL_BOUNCING: u32 = 0x80000003u;
+
+// Fate of a photon that lands so far from what the light sees there: the bits of its residual.
+fn landed_fate(residual_m: f32) -> u32 {
+    return bitcast<u32>(residual_m);
+}
 
 fn has_landed(photon: Photon) -> bool {
     return photon.fate < MISSED;
@@ -30,10 +35,10 @@ fn has_landed(photon: Photon) -> bool {
 
 // Most steps of safeguarded Newton. Host twin: src/stages/shared/entry.rs.
 const REFINEMENTS: i32 = 8;
-// A step less than this, relative to the way along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
+// A step less than this, relative to the distance along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
 const LAST_STEP: f32 = 1e-6;
 // Components of a direction below this count as this: what is divided by them stays finite.
-const LEAST_COMPONENT: f32 = 1e-9;
+const MIN_COMPONENT: f32 = 1e-9;
 
 struct Ray {
     origin_m: vec3<f32>,
@@ -41,9 +46,9 @@ struct Ray {
 }
 
 // Ray of a photon at a place of the grid, from the light's near plane on.
-fn photon_ray(place: vec2<f32>) -> Ray {
-    let near = perspective_divide(frame.photon_grid * vec4(place, 0.0, 1.0));
-    let far = perspective_divide(frame.photon_grid * vec4(place, 1.0, 1.0));
+fn photon_ray(ndc: vec2<f32>) -> Ray {
+    let near = perspective_divide(frame.photon_grid * vec4(ndc, 0.0, 1.0));
+    let far = perspective_divide(frame.photon_grid * vec4(ndc, 1.0, 1.0));
     return Ray(near, normalize(far - near));
 }
 
@@ -98,8 +103,8 @@ fn entry_between(ray: Ray, before: Above, behind: Above, side: f32) -> Entry {
 
 // Linear search between the planes of crest and trough within the water's rectangle.
 fn first_entry(ray: Ray) -> Entry {
-    let tiny = abs(ray.direction) < vec3(LEAST_COMPONENT);
-    let direction = select(ray.direction, vec3(LEAST_COMPONENT), tiny);
+    let tiny = abs(ray.direction) < vec3(MIN_COMPONENT);
+    let direction = select(ray.direction, vec3(MIN_COMPONENT), tiny);
     let half_size = vec3(frame.water_half_size_m.x, frame.water_bound_m, frame.water_half_size_m.y);
     let to_center = vec3(frame.water_center_m.x, 0.0, frame.water_center_m.y) - ray.origin_m;
     let reach = abs(half_size / direction);
@@ -129,16 +134,16 @@ fn refined(ray: Ray, above_t: f32, below_t: f32, first_t: f32) -> Entry {
     var t = first_t;
     var slope = vec2(0.0);
     for (var i = 0; i < REFINEMENTS; i++) {
-        let place = above_water(ray, t);
-        slope = place.slope;
-        if place.height_m > 0.0 {
+        let point = above_water(ray, t);
+        slope = point.slope;
+        if point.height_m > 0.0 {
             low = t;
         } else {
             high = t;
         }
         var next = 0.5 * (low + high);
-        if abs(place.rate) > LEAST_COMPONENT {
-            let newton = t - place.height_m / place.rate;
+        if abs(point.rate) > MIN_COMPONENT {
+            let newton = t - point.height_m / point.rate;
             next = select(next, newton, newton >= min(low, high) && newton <= max(low, high));
         }
         let last = abs(next - t) <= LAST_STEP * abs(t);

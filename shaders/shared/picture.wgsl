@@ -41,11 +41,11 @@ fn lambert(texel: vec2<i32>, irradiance: vec3<f32>) -> vec3<f32> {
 }
 
 // Radiance where the camera sees nothing, towards a place.
-fn background(place_m: vec3<f32>) -> vec3<f32> {
+fn background(position_m: vec3<f32>) -> vec3<f32> {
     if frame.camera_under_water != 0u {
         return fog(vec3(0.0), frame.z_far_m);
     }
-    return sky(normalize(place_m - frame.camera_position_m));
+    return sky(normalize(position_m - frame.camera_position_m));
 }
 
 fn display(radiance: vec3<f32>) -> vec4<f32> {

@@ -1,4 +1,4 @@
-// The surface behind a pixel as a plane in device depth, so that light of one surface is told from that of another.
+// The surface behind a pixel as a plane in device depth, to tell light on one surface from light on another.
 // Device depth is linear on planes: its slope predicts the whole plane exactly.
 #define_import_path fathom::surface_plane
 

@@ -60,6 +60,12 @@ fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {
     return perspective_divide(frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0));
 }
 
+// Focal lengths of the camera, in halves of the picture's width and height: lengths of the projection's first rows.
+fn focal_lengths() -> vec2<f32> {
+    let rows = transpose(frame.camera_view_projection);
+    return vec2(length(rows[0].xyz), length(rows[1].xyz));
+}
+
 // Distance along the view direction at a device depth, metres.
 fn view_depth_m(z: f32) -> f32 {
     return frame.z_near_m * frame.z_far_m / (frame.z_far_m - z * (frame.z_far_m - frame.z_near_m));

@@ -9,9 +9,9 @@
 // (n, ∂n/∂u, ∂n/∂v) at a place in tile units, bilinear, periodic.
 fn noise(uv: vec2<f32>) -> vec3<f32> {
     let size = vec2<i32>(textureDimensions(water_texels));
-    let place = fract(uv) * vec2<f32>(size) - 0.5;
-    let base = floor(place);
-    let f = place - base;
+    let texel = fract(uv) * vec2<f32>(size) - 0.5;
+    let base = floor(texel);
+    let f = texel - base;
     let low = (vec2<i32>(base) + size) % size;
     let high = (low + 1) % size;
     let a = textureLoad(water_texels, low, 0).xyz;
@@ -41,7 +41,7 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
 }
 #else
 // The same angle within ±π, where every adapter's sine is at its best.
-fn turned(angle: f32) -> f32 {
+fn wrapped(angle: f32) -> f32 {
     return angle - TAU * round(angle / TAU);
 }
 
@@ -51,7 +51,7 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
     let count = textureDimensions(water_texels).x;
     for (var i = 0u; i < count; i++) {
         let wave = textureLoad(water_texels, vec2(i, 0u), 0);
-        let angle = turned(dot(wave.xy, xz) + wave.w);
+        let angle = wrapped(dot(wave.xy, xz) + wave.w);
         h += wave.z * vec3(cos(angle), -sin(angle) * wave.xy);
     }
     return h;

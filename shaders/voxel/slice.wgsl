@@ -1,7 +1,7 @@
 // The scene drawn into frusta one slice thin, and the OR of the three axes. VAO §4.1.
 // defs: AXIS=0
 #import fathom::voxels::{Grid, to_cells}
-#import fathom::dispatch::{GROUP, place}
+#import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::pass_axes::{swizzled}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -36,7 +36,7 @@ fn occupied(cell: vec3<u32>) -> bool {
 // One invocation for a word of the bit volume.
 @compute @workgroup_size(GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let number = place(id, groups);
+    let number = invocation_index(id, groups);
     if number >= grid.words {
         return;
     }
