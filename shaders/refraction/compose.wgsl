@@ -89,7 +89,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         direction = textureLoad(directions, at.texel, 0).xyz;
         let entry_m = frame.camera_position_m + exit.w * sight;
         let inside_m = distance(entry_m, exit.xyz);
-        // The way through the glass as a straight one, as it is between two surfaces; then the way behind it.
+        // The path through the glass is taken as straight, as it is between two surfaces; then comes the path behind it.
         seen = vec2(-1);
         if inside_m > 0.0 {
             seen = seen_along(entry_m, (exit.xyz - entry_m) / inside_m, inside_m);

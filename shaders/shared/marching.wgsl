@@ -45,7 +45,7 @@ struct March {
 @group(1) @binding(5) var<storage, read_write> sums: array<f32>;
 #endif
 
-// Level of the pyramid that is asked: cells of 4³ voxels. The fastest of 1 to 4 on scenes bunny_dry and sponza.
+// Level of the pyramid that is read: cells of 4³ voxels. The fastest of 1 to 4 on scenes bunny_dry and sponza.
 const SKIP_LEVEL: i32 = 2;
 // Samples this near to a cell's wall are taken, as rounding may have put them on the wrong side, voxels.
 const WALL: f32 = 1e-3;
@@ -60,7 +60,7 @@ var<private> taken: u32 = 0u;
 var<private> looked_up: u32 = 0u;
 #endif
 
-// Seed of a point's directions, by its number. The run's own number moves it; 0 leaves it where it is.
+// Seed of a point's directions, by its number and that of the run.
 fn seed_of(number: u32) -> u32 {
     return pcg(number + march.seed * GOLDEN);
 }

@@ -33,7 +33,7 @@ fn has_landed(photon: Photon) -> bool {
     return photon.fate < MISSED;
 }
 
-// Most steps of safeguarded Newton. Host twin: src/stages/shared/entry.rs.
+// Maximum number of steps of safeguarded Newton. Host twin: src/stages/shared/entry.rs.
 const REFINEMENTS: i32 = 8;
 // A step less than this, relative to the distance along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
 const LAST_STEP: f32 = 1e-6;

@@ -348,11 +348,11 @@ fn is_flat(surface: Surface) -> bool {
     return dot(surface.shading_normal, surface.geometric_normal) > FLAT;
 }
 
-// Least determinant of two directions, over the product of their squared lengths, by which a place is told along both.
+// Smallest determinant of two directions, over the product of their squared lengths, with which a place is resolved along both.
 const MIN_DETERMINANT: f32 = 1e-3;
 
-// Shading normal at a place of a surface, interpolated between the four pixels around it, those that show it. Three tell what a fourth would
-// show. On a curved surface the mean of their places is not the place, least where it is seen edge-on: the change of place and normal from
+// Shading normal at a place of a surface, interpolated between those of the four pixels around it that show the surface; three give the
+// fourth. On a curved surface the mean of their places is not the place, above all where it is seen edge-on: the change of place and normal from
 // pixel to pixel leads on from there.
 fn smoothed(
     walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface

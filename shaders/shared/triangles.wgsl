@@ -84,7 +84,7 @@ fn extent3(along: vec3<f32>) -> f32 {
 // triangle only touches counts, whichever way its corners were rounded; without this a plane through the diagonals of voxels has
 // gaps.
 const ROUNDING: f32 = 4.8e-7;
-// Most that is allowed for rounding, share of a voxel's extent: below the band that `verify` leaves undecided.
+// Largest allowance for rounding, share of a voxel's extent: below the band that `verify` leaves undecided.
 const MAX_ROUNDING: f32 = 1e-4;
 
 // Half of a voxel's extent along an axis, and the rounding of the corners' places along it.
