@@ -262,8 +262,8 @@ mod tests {
     use super::*;
     use fathom_pipelines::occlusion::fixtures::{camera, corner, gbuffer};
     use fathom_reference::image::pixels;
-    use fathom_reference::random::{pcg, unit};
     use fathom_reference::rays::Tracer;
+    use fathom_scene::pcg;
 
     /// A view of a corner whose occlusion is a function of the place and of the view.
     fn shot(tracer: &Tracer, position_m: [f64; 3], occlusion: impl Fn(DVec3) -> f64) -> Shot {
@@ -292,7 +292,9 @@ mod tests {
             shot(&tracer, position, |at| {
                 let place = (at * 1e4).floor();
                 let mixed = pcg(place.x as i32 as u32 ^ pcg(place.z as i32 as u32 ^ pcg(seed)));
-                0.5 + 0.1 * (at.x + at.z).sin() + offset + noise * (unit(mixed) - 0.5)
+                0.5 + 0.1 * (at.x + at.z).sin()
+                    + offset
+                    + noise * (f64::from(mixed) / 4_294_967_296.0 - 0.5)
             })
         };
         let [own, other] = [[4.0, 3.0, 2.0], [4.5, 3.0, 0.5]];

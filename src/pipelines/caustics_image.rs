@@ -160,7 +160,7 @@ fn map(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Rc<
     let blocks: f64 = size.iter().map(|side| f64::from(side.div_ceil(block_px))).product();
     let columns = (blocks * PHOTONS_PER_BLOCK).sqrt().ceil() as u32;
     // Photons of the whole frustum: those that the grid leaves out must be missed.
-    let frame = view.light.frame(&view.camera, view.aspect(), &view.bounds, &view.water);
+    let frame = view.light.frame(&view.camera, view.aspect(), &view.bounds, &view.water, false);
     let View { light, water, camera, .. } = view;
     let asked = (&frame, light, water, camera, view.aspect(), (size, block_px, columns));
     let content = judge.question("photon map", &asked);

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::PipelineKind;
 use fathom_base::parameter::{self, Allowed, Range};
-use fathom_reference::random::pcg;
+use fathom_scene::pcg;
 
 /// Repeatable numbers in 0…1.
 pub struct Random(u32);

@@ -1,8 +1,9 @@
 //! Intensity along a godray from the water's surface to the hit (UW §3.4).
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, DVec4};
 
 use super::optics::{phase_schlick, transmittance};
+use fathom_scene::clip_polygon;
 
 /// A photon's path through the water.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,20 +48,10 @@ pub fn covered_px([from, to]: [DVec2; 2], width_px: f64, size: DVec2) -> f64 {
         return 0.0;
     };
     let across = along.perp() * (0.5 * width_px);
-    let mut corners = vec![from + across, to + across, to - across, from - across];
-    // Sutherland and Hodgman, Reentrant Polygon Clipping, 1974: at the four borders of the image.
-    for (normal, place) in
-        [(DVec2::X, 0.0), (DVec2::NEG_X, -size.x), (DVec2::Y, 0.0), (DVec2::NEG_Y, -size.y)]
-    {
-        let inside = |p: DVec2| p.dot(normal) - place;
-        let next = corners.iter().cycle().skip(1);
-        let pairs = corners.iter().zip(next).flat_map(|(&a, &b)| {
-            let (da, db) = (inside(a), inside(b));
-            let crossing = ((da < 0.0) != (db < 0.0)).then(|| a.lerp(b, da / (da - db)));
-            (da >= 0.0).then_some(a).into_iter().chain(crossing)
-        });
-        corners = pairs.collect();
-    }
+    let corners = [from + across, to + across, to - across, from - across];
+    let within = |axis: DVec4, side: f64| [axis, DVec4::W * side - axis];
+    let borders = [within(DVec4::X, size.x), within(DVec4::Y, size.y)].concat();
+    let corners = clip_polygon(corners.map(|p| p.extend(0.0)).into(), &borders);
     let next = corners.iter().cycle().skip(1);
-    0.5 * corners.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs()
+    0.5 * corners.iter().zip(next).map(|(a, b)| a.cross(*b).z).sum::<f64>().abs()
 }

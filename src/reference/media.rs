@@ -181,14 +181,11 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
 /// A of Eq. 3 where the attenuation coefficient is `sigma_per_m` at the point and falls by `fall_per_m2` for each metre along
 /// the normal, down to 0: ∫₀¹ 2μ (1 − exp(−τ(μ))) dμ with τ the line integral of σ in closed form.
 pub fn occlusion_on_ramp(sigma_per_m: f64, fall_per_m2: f64, r_max_m: f64) -> f64 {
-    mean_over_unit(|cosine| {
+    let towards = |i: u32| {
+        let cosine = (f64::from(i) + 0.5) / f64::from(INTERVALS);
         let fall = fall_per_m2 * cosine;
         let length = r_max_m.min(sigma_per_m / fall);
         2.0 * cosine * (1.0 - (-(sigma_per_m - 0.5 * fall * length) * length).exp())
-    })
-}
-
-fn mean_over_unit(f: impl Fn(f64) -> f64) -> f64 {
-    let n = f64::from(INTERVALS);
-    (0..INTERVALS).map(|i| f((f64::from(i) + 0.5) / n)).sum::<f64>() / n
+    };
+    (0..INTERVALS).map(towards).sum::<f64>() / f64::from(INTERVALS)
 }

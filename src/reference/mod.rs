@@ -17,7 +17,6 @@ pub mod photons;
 pub mod picture;
 pub mod pool;
 pub mod quantities;
-pub mod random;
 pub mod rays;
 pub mod specular;
 pub mod splat;
@@ -25,7 +24,7 @@ pub mod surface;
 pub mod voxel;
 
 /// Halves an interval whose upper end is beyond a border and whose lower one is not, so many times.
-fn bisected(
+pub fn bisected(
     [mut low, mut high]: [f64; 2],
     halvings: u32,
     beyond: impl Fn(f64) -> bool,

@@ -15,9 +15,8 @@ use serde::{Deserialize, Serialize};
 use super::image::Image;
 use super::optics::transmittance;
 use super::photons::{Landed, entering_share, land};
-use super::random::pcg;
 use super::rays::{PixelRays, Tracer};
-use fathom_scene::{Camera, LightFrame, LightKind, Water};
+use fathom_scene::{Camera, LightFrame, LightKind, Water, pcg};
 
 /// The camera sees a point where its ray ends so near to it, as a share of the scene.
 const SAME_POINT: f64 = 1e-6;
@@ -204,7 +203,7 @@ mod tests {
                 Bounds { min: DVec3::new(-40.0, -3.0, -40.0), max: DVec3::new(40.0, 1.0, 40.0) };
             let tracer = Tracer::new(&self.objects);
             let lighting = Lighting {
-                frame: &self.light.frame(&self.camera, ASPECT, &bounds, &self.water),
+                frame: &self.light.frame(&self.camera, ASPECT, &bounds, &self.water, false),
                 intensity_w_sr: self.light.intensity_w_sr,
                 water: &self.water,
                 tracer: &tracer,

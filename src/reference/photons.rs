@@ -4,10 +4,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::optics::{fresnel_transmittance, refract};
-use super::random::pcg;
 use super::rays::{Hit, Tracer};
 use super::surface::{Entry, enter};
-use fathom_scene::{LightFrame, Water};
+use fathom_scene::{LightFrame, Water, pcg};
 
 /// A ray that starts on a surface ignores hits nearer than this share of the scene.
 const SELF_HIT: f64 = 1e-10;

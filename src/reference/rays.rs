@@ -5,7 +5,7 @@ use bvh::bounding_hierarchy::BHShape;
 use bvh::bvh::{Bvh, BvhNode, rayon_executor};
 use glam::{DMat4, DVec3, DVec4, Vec3Swizzles as _};
 
-use fathom_scene::{Bounds, Camera, Object};
+use fathom_scene::{Bounds, Camera, Object, clip_polygon};
 
 /// Boxes grow by this share of the scene's size, so that rounding in the slab test loses no flat triangle.
 const BOX_PADDING: f64 = 1e-9;
@@ -164,14 +164,8 @@ fn split_box(polygon: &[DVec3], splits: u32, add: &mut impl FnMut(Bounds)) {
     let axis = size.max_position();
     let middle = bounds.center()[axis];
     for side in [1.0, -1.0] {
-        let outside = |p: DVec3| side * (p[axis] - middle);
-        let next = polygon.iter().cycle().skip(1);
-        let half = polygon.iter().zip(next).flat_map(|(&p, &q)| {
-            let (from, to) = (outside(p), outside(q));
-            let crossing = (from * to < 0.0).then(|| p.lerp(q, from / (from - to)));
-            [(from <= 0.0).then_some(p), crossing].into_iter().flatten()
-        });
-        split_box(&half.collect::<Vec<_>>(), splits - 1, add);
+        let inside = (DVec3::AXES[axis] * -side).extend(side * middle);
+        split_box(&clip_polygon(polygon.to_vec(), &[inside]), splits - 1, add);
     }
 }
 
@@ -339,9 +333,8 @@ mod tests {
     use itertools::iproduct;
     use proptest::prelude::*;
 
-    use super::super::random::pcg;
     use super::*;
-    use fathom_scene::Mesh;
+    use fathom_scene::{Mesh, pcg};
 
     fn object(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Object {
         let normals = vec![[0.0, 1.0, 0.0]; positions.len()];

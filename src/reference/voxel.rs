@@ -88,15 +88,6 @@ pub struct VoxelErrors {
     pub borderline: u64,
 }
 
-impl std::ops::AddAssign for VoxelErrors {
-    fn add_assign(&mut self, other: Self) {
-        self.occupied += other.occupied;
-        self.false_negatives += other.false_negatives;
-        self.false_positives += other.false_positives;
-        self.borderline += other.borderline;
-    }
-}
-
 /// Holds voxels that were found against gaps of [`gaps`].
 pub fn errors(found: &[bool], gaps: &[f64]) -> VoxelErrors {
     let mut errors = VoxelErrors::default();

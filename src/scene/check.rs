@@ -15,14 +15,6 @@ pub fn within_ranges<T: Setting>(path: &str, group: &T) -> Result<(), String> {
     group.check(FieldMeta { path, ..FieldMeta::default() }).map_err(|error| error.to_string())
 }
 
-/// Every component is finite and no farther than [`FAR_M`].
-pub fn point(name: &str, value: &[f64]) -> Result<(), String> {
-    if value.iter().all(|v| v.is_finite() && v.abs() <= FAR_M) {
-        return Ok(());
-    }
-    Err(format!("{name} = {value:?} must have components in -{FAR_M} to {FAR_M}"))
-}
-
 /// A change that makes a value invalid, and what the error then says.
 #[cfg(test)]
 pub type InvalidCase<T> = (fn(&mut T), &'static str);

@@ -88,9 +88,9 @@ settings! {
         /// Factor on the size.
         scale: f64 = 1.0 => 1e-6 ..= 1e6, "1";
         /// Turns about x, then y, then z.
-        rotate_deg: [f64; 3] = [0.0; 3];
+        rotate_deg: [f64; 3] = [0.0; 3] => -1e5 ..= 1e5, "°";
         /// Where it is moved, y from `on`.
-        translate_m: [f64; 3] = [0.0; 3];
+        translate_m: [f64; 3] = [0.0; 3] => -1e5 ..= 1e5, "m";
         /// What y is measured from: the floor, or the water at rest.
         on: Anchor = Anchor::Floor;
     }
@@ -124,12 +124,6 @@ impl Transform {
         let foot = bounds.center().with_y(bounds.min.y);
         let largest = bounds.size().max_element().max(f64::MIN_POSITIVE);
         DMat4::from_scale(DVec3::splat(self.fit_m / largest)) * DMat4::from_translation(-foot)
-    }
-
-    fn validate(&self) -> Result<(), String> {
-        check::within_ranges("transform", self)?;
-        check::point("transform.rotate_deg", &self.rotate_deg)?;
-        check::point("transform.translate_m", &self.translate_m)
     }
 }
 
@@ -225,7 +219,7 @@ impl SceneFile {
 
 impl ObjectFile {
     fn validate(&self) -> Result<(), String> {
-        self.transform.validate()?;
+        check::within_ranges("transform", &self.transform)?;
         self.material.validate()?;
         let sources = [self.generator.is_some(), self.asset.is_some(), self.file.is_some()];
         if sources.iter().filter(|given| **given).count() != 1 {

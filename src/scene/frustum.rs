@@ -18,20 +18,22 @@ pub fn visible_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec
     let corners = camera.frustum_corners(aspect);
     let frustum_planes = camera.frustum_planes(aspect);
     let box_planes = planes(bounds);
-    let frustum_faces =
-        FRUSTUM_FACES.iter().map(|face| clip(face.map(|i| corners[i]).to_vec(), &box_planes));
+    let frustum_faces = FRUSTUM_FACES
+        .iter()
+        .map(|face| clip_polygon(face.map(|i| corners[i]).to_vec(), &box_planes));
     frustum_faces.flatten().chain(surface_within(bounds, &frustum_planes)).collect()
 }
 
 /// The corners of what is left of a box's faces inside all planes (n, d), n·p + d ≥ 0 (some repeated).
 pub fn surface_within(bounds: &Bounds, planes: &[DVec4]) -> Vec<DVec3> {
     let corners = bounds.corners();
-    let faces = BOX_FACES.iter().map(|face| clip(face.map(|i| corners[i]).to_vec(), planes));
+    let faces =
+        BOX_FACES.iter().map(|face| clip_polygon(face.map(|i| corners[i]).to_vec(), planes));
     faces.flatten().collect()
 }
 
 /// The planes (n, d) of a box with n·p + d ≥ 0 inside.
-fn planes(bounds: &Bounds) -> [DVec4; 6] {
+pub fn planes(bounds: &Bounds) -> [DVec4; 6] {
     std::array::from_fn(|i| {
         let axis = DVec3::AXES[i / 2];
         match i % 2 {
@@ -42,7 +44,7 @@ fn planes(bounds: &Bounds) -> [DVec4; 6] {
 }
 
 /// What is left of a convex polygon inside all planes (Sutherland and Hodgman).
-pub fn clip(polygon: Vec<DVec3>, planes: &[DVec4]) -> Vec<DVec3> {
+pub fn clip_polygon(polygon: Vec<DVec3>, planes: &[DVec4]) -> Vec<DVec3> {
     planes.iter().fold(polygon, |polygon, plane| {
         let height = |p: DVec3| plane.dot(p.extend(1.0));
         let mut clipped = Vec::with_capacity(polygon.len() + 1);

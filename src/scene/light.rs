@@ -7,7 +7,7 @@ use glam::{DMat4, DVec2, DVec3, DVec4};
 use super::bounds::Bounds;
 use super::camera::Camera;
 use super::check::within_ranges;
-use super::frustum::{Rectangle, clip, surface_within, visible_points};
+use super::frustum::{Rectangle, clip_polygon, surface_within, visible_points};
 use super::light_frame::{LightFrame, LightKind, MIN_DEPTH, POINT_MAX_TANGENT, tangent};
 use super::photon_start::{PhotonStart, Refraction, hull};
 use super::water::Water;
@@ -44,24 +44,17 @@ impl Light {
     /// [`Camera::middle`] and holds the part of the camera frustum that lies within `bounds`
     /// together with where light that reaches it enters the water; never more than
     /// `bounds`. A camera that sees nothing of `bounds` gets all of it.
+    ///
+    /// With `photons_fitted` photons start only where they can land in view. UW §3.1: "we must ensure that most of them intersect the
+    /// visible portion of the scene". An extent that is set ([`Light::half_extent_m`]) is kept.
     pub fn frame(
         &self,
         camera: &Camera,
         aspect: f64,
         bounds: &Bounds,
         water: &Water,
+        photons_fitted: bool,
     ) -> LightFrame {
-        self.frame_and_entries(camera, aspect, bounds, water).0
-    }
-
-    /// The frustum, and places around all where light that lands in view enters the water.
-    fn frame_and_entries(
-        &self,
-        camera: &Camera,
-        aspect: f64,
-        bounds: &Bounds,
-        water: &Water,
-    ) -> (LightFrame, Vec<DVec3>) {
         let middle = camera.middle();
         let position = match self.kind {
             LightKind::Directional => middle - self.travel() * self.distance_m,
@@ -96,20 +89,7 @@ impl Light {
             grid_area: rectangle.area(),
             emitted_w: self.flux_w(&rectangle),
         };
-        (frame, entries)
-    }
-
-    /// The same frustum, in which photons start only where they can land in view. UW §3.1: "we must ensure that most of them intersect the
-    /// visible portion of the scene". An extent that is set ([`Light::half_extent_m`]) is kept.
-    pub fn photon_frame(
-        &self,
-        camera: &Camera,
-        aspect: f64,
-        bounds: &Bounds,
-        water: &Water,
-    ) -> LightFrame {
-        let (frame, entries) = self.frame_and_entries(camera, aspect, bounds, water);
-        let fits = self.half_extent_m == 0.0;
+        let fits = photons_fitted && self.half_extent_m == 0.0;
         let start = fits.then(|| PhotonStart::new(&frame, &entries, water));
         match start.flatten().filter(|start| start.rectangle().area() < frame.grid_area) {
             Some(start) => LightFrame {
@@ -236,7 +216,7 @@ fn lit_within(bounds: &Bounds, view: &DMat4, r: &Rectangle) -> Vec<DVec3> {
 fn tangent_range(points: &[DVec3], side: DVec3) -> [f64; 2] {
     let flat = points.iter().map(|p| DVec2::new(p.dot(side), p.z)).collect::<Vec<_>>();
     let outline = hull(&flat).iter().map(|p| DVec3::new(p.x, 0.0, p.y)).collect();
-    let ahead = clip(outline, &[DVec4::new(0.0, 0.0, -1.0, -MIN_DEPTH)]);
+    let ahead = clip_polygon(outline, &[DVec4::new(0.0, 0.0, -1.0, -MIN_DEPTH)]);
     let tangents = ahead.iter().map(|p| tangent(*p).x);
     tangents.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], t| [a.min(t), b.max(t)])
 }
@@ -273,7 +253,7 @@ mod tests {
 
     fn frames() -> [LightFrame; 3] {
         let lights = [Light::default(), point([1.0, 9.0, 2.0]), steep()];
-        lights.map(|light| light.frame(&camera(), 1.0, &bounds(), &Water::default()))
+        lights.map(|light| light.frame(&camera(), 1.0, &bounds(), &Water::default(), false))
     }
 
     /// Points of the floor that the camera sees.
@@ -308,11 +288,11 @@ mod tests {
     #[test]
     fn frustum_never_exceeds_the_bounds() {
         let wide = Camera { fov_y_deg: 150.0, z_far_m: 500.0, ..camera() };
-        let frame = steep().frame(&wide, 1.0, &bounds(), &Water::default());
+        let frame = steep().frame(&wide, 1.0, &bounds(), &Water::default(), false);
         assert!(frame.emitted_w <= 9.2 * 12.0 * 14.0 + 1e-9, "{}", frame.emitted_w);
         // A camera that sees nothing gets all of them.
         let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
-        let frame = steep().frame(&away, 1.0, &bounds(), &Water::default());
+        let frame = steep().frame(&away, 1.0, &bounds(), &Water::default(), false);
         assert!((frame.emitted_w - 9.2 * 12.0 * 14.0).abs() < 1e-6);
     }
 
@@ -321,7 +301,7 @@ mod tests {
         let wide = Bounds { min: DVec3::new(-60.0, -4.0, -60.0), max: DVec3::new(60.0, 1.0, 60.0) };
         let near_m = |position_m: [f64; 3]| {
             let light = Light { half_extent_m: 2.0, ..point(position_m) };
-            let frame = light.frame(&camera(), 1.0, &wide, &Water::default());
+            let frame = light.frame(&camera(), 1.0, &wide, &Water::default(), false);
             let cells = iproduct!(0..=240, 0..=10, 0..=240);
             let places =
                 cells.map(|(i, j, k)| wide.min + DVec3::from([i, j, k].map(f64::from)) * 0.5);
@@ -348,8 +328,8 @@ mod tests {
         let set = Light { half_extent_m: 2.0, ..Light::default() };
         let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
         for (light, camera) in [(set, camera()), (Light::default(), away)] {
-            let whole = light.frame(&camera, 1.0, &bounds(), &water);
-            assert_eq!(light.photon_frame(&camera, 1.0, &bounds(), &water), whole);
+            let frame = |fitted| light.frame(&camera, 1.0, &bounds(), &water, fitted);
+            assert_eq!(frame(true), frame(false));
         }
     }
 
@@ -360,10 +340,10 @@ mod tests {
         let sixth = 4.0 * std::f64::consts::PI / 6.0;
         assert!((solid_angle(&full) - sixth).abs() < 1e-12);
         let light = Light { half_extent_m: 2.0, ..Light::default() };
-        let frame = light.frame(&camera(), 1.0, &bounds(), &Water::default());
+        let frame = light.frame(&camera(), 1.0, &bounds(), &Water::default(), false);
         assert!((frame.emitted_w - 9.2 * 16.0).abs() < 1e-9);
         let light = Light { half_extent_m: 1.0, ..point([0.0, 5.0, 0.0]) };
-        let frame = light.frame(&camera(), 1.0, &bounds(), &Water::default());
+        let frame = light.frame(&camera(), 1.0, &bounds(), &Water::default(), false);
         let reach = (camera().middle() - DVec3::new(0.0, 5.0, 0.0)).length();
         let expected = 9.2 * solid_angle(&Rectangle::square(1.0 / reach));
         assert!((frame.emitted_w - expected).abs() < 1e-9);

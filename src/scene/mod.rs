@@ -38,18 +38,18 @@ mod waves;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use bounds::Bounds;
 pub use camera::Camera;
 pub use file::{Anchor, ObjectFile, SceneFile, Transform};
+pub use frustum::clip_polygon;
 pub use grid::Grid;
 pub use light::Light;
 pub use light_frame::{LightFrame, LightKind};
 pub use mesh::Mesh;
-pub use noise::{NOISE_CELLS, tile_noise};
+pub use noise::{NOISE_CELLS, pcg, tile_noise};
 pub use read::{MAX_BYTES, MAX_TRIANGLES};
 pub use samples::{MAX_CELLS, VolumeFormat};
 pub use shapes::surface;
@@ -111,10 +111,10 @@ pub enum Motion {
 settings! {
     /// How a surface looks.
     pub struct Material {
-        /// Diffuse reflectance, linear RGB, 0 … 1.
-        albedo: [f32; 3] = [0.7; 3];
-        /// Colour of the joints between tiles, 0 … 1.
-        accent: [f32; 3] = [0.5; 3];
+        /// Diffuse reflectance, linear RGB.
+        albedo: [f32; 3] = [0.7; 3] => 0.0 ..= 1.0, "1";
+        /// Colour of the joints between tiles.
+        accent: [f32; 3] = [0.5; 3] => 0.0 ..= 1.0, "1";
         /// Side of a world-space tile; 0: plain.
         tile_m: f32 = 0.0 => 0.0 ..= 1000.0, "m";
         /// Opacity, which max-alpha voxelization stores (VAO Fig. 6).
@@ -138,11 +138,6 @@ impl Material {
     }
 
     fn validate(&self) -> Result<(), String> {
-        for (name, colour) in [("albedo", self.albedo), ("accent", self.accent)] {
-            for c in colour {
-                check::check_range(&format!("material.{name}"), f64::from(c), 0.0, 1.0)?;
-            }
-        }
         if self.optics == Optics::Glass && self.is_opaque() {
             return Err("material.optics is glass: material.alpha must be less than 1".to_owned());
         }
@@ -217,10 +212,10 @@ impl Scene {
         }
         let volume = file.volume.as_ref().map(|v| v.build(file, &mut stand_ins)).transpose();
         let volume = volume.map_err(|m| invalid(format!("[volume]: {m}")))?;
-        Ok(Scene {
+        let scene = Scene {
             name: file.name.clone(),
             description: file.description.clone(),
-            bounds: with_water(solid_bounds(&objects, volume.as_ref()), &file.water),
+            bounds: Bounds::EMPTY,
             objects,
             camera: file.camera.clone(),
             light: file.light.clone(),
@@ -229,19 +224,26 @@ impl Scene {
             volume,
             stand_ins,
             digests: file.digests().map_err(invalid)?,
-        })
+        };
+        Ok(scene.with_bounds())
     }
 
     /// The same with these objects in place of its own.
     #[must_use]
     pub fn with_objects(&self, objects: Vec<Object>) -> Scene {
-        let bounds = with_water(solid_bounds(&objects, self.volume.as_ref()), &self.water);
-        Scene { objects, bounds, ..self.clone() }
+        Scene { objects, ..self.clone() }.with_bounds()
+    }
+
+    fn with_bounds(self) -> Scene {
+        let (solid, mut water) = (self.solid_bounds(), self.water.bounds());
+        water.max.y += HEADROOM_M * solid.tank_scale();
+        Scene { bounds: solid.union(water), ..self }
     }
 
     /// The box that holds all objects and the volume, without the water.
     pub fn solid_bounds(&self) -> Bounds {
-        solid_bounds(&self.objects, self.volume.as_ref())
+        let objects = self.objects.iter().map(|object| object.mesh.bounds());
+        objects.chain(self.volume.as_ref().map(Volume::bounds)).fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// An error for a pipeline that draws objects where there are none.
@@ -258,24 +260,4 @@ impl Scene {
     pub fn triangle_count(&self) -> usize {
         self.objects.iter().map(|o| o.mesh.triangle_count()).sum()
     }
-}
-
-fn solid_bounds(objects: &[Object], volume: Option<&Volume>) -> Bounds {
-    objects
-        .iter()
-        .map(|o| o.mesh.bounds())
-        .chain(volume.map(Volume::bounds))
-        .fold(Bounds::EMPTY, Bounds::union)
-}
-
-/// The bounds with the water's surface and the room above it.
-fn with_water(solid: Bounds, water: &Water) -> Bounds {
-    let headroom_m = HEADROOM_M * solid.tank_scale();
-    let [x, z] = water.center_m;
-    let [half_x, half_z] = water.half_size_m;
-    let bound = water.bound_m();
-    solid.union(Bounds {
-        min: DVec3::new(x - half_x, -bound, z - half_z),
-        max: DVec3::new(x + half_x, bound + headroom_m, z + half_z),
-    })
 }

@@ -105,13 +105,16 @@ fn gradient(ix: u32, iy: u32, seed: u32) -> DVec2 {
     DIRECTIONS[(hash(ix, iy, seed) >> 29) as usize]
 }
 
-/// Mixes the lattice point and the seed (rounds of the PCG output permutation).
+/// Mixes the lattice point and the seed.
 fn hash(ix: u32, iy: u32, seed: u32) -> u32 {
-    [ix, iy, seed].into_iter().fold(0x2545_f491, |state, word| {
-        let s = (state ^ word).wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-        let w = ((s >> ((s >> 28) + 4)) ^ s).wrapping_mul(277_803_737);
-        (w >> 22) ^ w
-    })
+    [ix, iy, seed].into_iter().fold(0x2545_f491, |state, word| pcg(state ^ word))
+}
+
+/// PCG-RXS-M-XS-32 as a hash (O'Neill 2014; Jarzynski and Olano, JCGT 9(3), 2020).
+pub fn pcg(v: u32) -> u32 {
+    let state = v.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
+    (word >> 22) ^ word
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use itertools::iproduct;
 
 use super::bounds::Bounds;
 use super::camera::Camera;
-use super::frustum::{Rectangle, clip, visible_points};
+use super::frustum::{Rectangle, clip_polygon, planes, visible_points};
 use super::light_frame::{LightFrame, LightKind, tangent};
 use super::water::Water;
 
@@ -24,7 +24,7 @@ impl PhotonStart {
     pub(super) fn new(frame: &LightFrame, entries: &[DVec3], water: &Water) -> Option<PhotonStart> {
         let level = |p: &DVec2| DVec3::new(p.x, 0.0, p.y);
         let hull = hull(&entries.iter().map(|p| p.xz()).collect::<Vec<_>>());
-        let lit = clip(hull.iter().map(level).collect(), &sides(water));
+        let lit = clip_polygon(hull.iter().map(level).collect(), &planes(&water.bounds()));
         // Of a point light's frustum only what lies within has a place across the axis.
         let rows = frame.view_projection.transpose();
         let (across_x, across_y, w) = (rows.x_axis, rows.y_axis, rows.w_axis);
@@ -37,7 +37,7 @@ impl PhotonStart {
             let [low, high] = heights;
             vec![a.with_y(low), b.with_y(low), b.with_y(high), a.with_y(high)]
         }));
-        let places = faces.into_iter().flat_map(|face| clip(face, &frustum));
+        let places = faces.into_iter().flat_map(|face| clip_polygon(face, &frustum));
         let places = places.map(|p| across(frame, p));
         PhotonStart::from_points(&places.collect::<Vec<_>>())
     }
@@ -184,17 +184,6 @@ impl Refraction<'_> {
 
 /// A light less than this above a point counts as this far above it, metres.
 const MIN_FALL: f64 = 1e-9;
-
-/// The planes (n, d) beside the water's rectangle, n·p + d ≥ 0 inside.
-fn sides(water: &Water) -> [DVec4; 4] {
-    let ([x, z], [half_x, half_z]) = (water.center_m, water.half_size_m);
-    [
-        DVec4::new(1.0, 0.0, 0.0, half_x - x),
-        DVec4::new(-1.0, 0.0, 0.0, half_x + x),
-        DVec4::new(0.0, 0.0, 1.0, half_z - z),
-        DVec4::new(0.0, 0.0, -1.0, half_z + z),
-    ]
-}
 
 /// A point's place across the light's axis.
 fn across(frame: &LightFrame, p: DVec3) -> DVec2 {

@@ -76,6 +76,13 @@ pub fn lathe(profile: &[(f64, f64)], segments: usize) -> Mesh {
     turned(profile, segments, |_, _| 1.0)
 }
 
+/// A lathe of a smooth profile through `knots`, closed below and above with sharp edges.
+pub fn smooth_solid(knots: &[(f64, f64)], steps: usize, segments: usize) -> Mesh {
+    let (low, high) = (knots[0], knots[knots.len() - 1]);
+    let profile = smooth_profile(knots, steps);
+    lathe(&[&[(0.0, low.1), low][..], &profile, &[high, (0.0, high.1)]].concat(), segments)
+}
+
 /// A lathe whose radius is multiplied by `swell(angle, y)`.
 pub fn turned(profile: &[(f64, f64)], segments: usize, swell: impl Fn(f64, f64) -> f64) -> Mesh {
     let rows = profile.len() - 1;
@@ -208,6 +215,12 @@ fn untwist(frames: &mut [(DVec3, DVec3)], axis: DVec3) {
 
 pub fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
     mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
+}
+
+/// Four of these, at (±x, ±z).
+pub fn at_corners(mesh: &Mesh, x: f64, z: f64) -> Mesh {
+    let corners = [(-x, -z), (x, -z), (x, z), (-x, z)];
+    merged(corners.map(|(x, z)| moved(mesh.clone(), x, 0.0, z)))
 }
 
 /// The mesh moved up or down until it touches y = 0.

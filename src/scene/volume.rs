@@ -51,7 +51,9 @@ impl Volume {
             let values = self.data.len();
             return Err(format!("a volume of {x} × {y} × {z} cells has {values} values"));
         }
-        check::point("volume origin", &self.origin_m.to_array())?;
+        for place in self.origin_m.to_array() {
+            check::check_range("volume origin", place, -check::FAR_M, check::FAR_M)?;
+        }
         for edge in self.spacing_m.to_array() {
             check::check_range("volume spacing", edge, 1e-9, check::FAR_M)?;
         }

@@ -43,7 +43,7 @@ settings! {
         /// If not 0: the longest edge of the box.
         fit_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
         /// Where the middle of the lower side goes, metres, y from `on`.
-        translate_m: [f64; 3] = [0.0; 3];
+        translate_m: [f64; 3] = [0.0; 3] => -1e5 ..= 1e5, "m";
         /// What y is measured from.
         on: Anchor = Anchor::Floor;
     }
@@ -53,7 +53,6 @@ impl VolumeFile {
     /// Whether all values can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
         check::within_ranges("volume", self)?;
-        check::point("volume.translate_m", &self.translate_m)?;
         if self.cells != [0; 3] {
             samples::cell_count(self.cells).map_err(|m| format!("volume.cells: {m}"))?;
         }

@@ -6,6 +6,7 @@
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::Bounds;
 use super::check::within_ranges;
 use super::noise::{TILE_NOISE_SLOPE, tile_noise};
 use super::waves::{self, Wave};
@@ -109,6 +110,13 @@ impl Water {
             WaterModel::Circular | WaterModel::Directional => self.amplitude_m,
             WaterModel::Waves => waves::bound_m(&self.waves),
         }
+    }
+
+    /// The box that holds the surface.
+    pub fn bounds(&self) -> Bounds {
+        let ([x, z], [half_x, half_z], high) = (self.center_m, self.half_size_m, self.bound_m());
+        let (middle, half) = (DVec3::new(x, 0.0, z), DVec3::new(half_x, high, half_z));
+        Bounds { min: middle - half, max: middle + half }
     }
 
     /// Bound of the slope's magnitude.

@@ -80,11 +80,7 @@ impl View {
         let mut camera = self.camera.clone();
         camera.fov_y_deg = 2.0 * (self.half_height() * wider.y).atan().to_degrees();
         let aspect = self.aspect() * wider.x / wider.y;
-        if self.photons_fitted {
-            self.light.photon_frame(&camera, aspect, &self.bounds, &self.water)
-        } else {
-            self.light.frame(&camera, aspect, &self.bounds, &self.water)
-        }
+        self.light.frame(&camera, aspect, &self.bounds, &self.water, self.photons_fitted)
     }
 
     /// Half the height of the picture at unit distance.

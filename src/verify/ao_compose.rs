@@ -42,8 +42,7 @@ fn known_inputs(rig: &Rig<'_>, kind: LightKind) -> Checks {
             shadow: map.texture(),
         };
         let stage = compose::new(rig, &fixture.shared, &lit, shows_occlusion)?;
-        rig.run(&[&stage])?;
-        Texels::read(rig, stage.texture())
+        Texels::draw(rig, &stage)
     };
     let light_rays =
         PixelRays::of_matrix(fixture.view.light_frame().view_projection, TEXELS, TEXELS);
@@ -77,7 +76,7 @@ fn unshaded(rig: &Rig<'_>) -> Result<Check> {
         position[1] += 2.0 * texel_m as f32;
     }
     let above = Geometry::new(rig, &scene);
-    let white = rig.constant(SIZE, [1.0; 4])?;
+    let white = Texels::new(rig, SIZE, |_| DVec4::ONE).texture;
     let gbuffer = GBuffer { albedo: white.clone(), ..rig.gbuffer(&fixture)? };
     let dark = |caster| -> Result<f64> {
         let map = shadow::depth::new(rig, &fixture.shared, caster, TEXELS)?;

@@ -140,8 +140,7 @@ impl<'a> Composed<'a> {
         };
         let (shared, Self { conserving, added, .. }) = (&fixture.shared, self);
         let stage = compose::new(rig, shared, &inputs, &settings, *conserving, *added)?;
-        rig.run(&[&stage])?;
-        Texels::read(rig, stage.texture())
+        Texels::draw(rig, &stage)
     }
 
     /// What a pixel may show: at its border either of what meets there.

@@ -4,8 +4,9 @@ use std::f64::consts::SQRT_2;
 
 use crate::prelude::*;
 use fathom_gpu::read_texture;
-use fathom_reference::picture::PictureLight;
 use fathom_stages::kit;
+use half::f16;
+use half::slice::HalfFloatSliceExt as _;
 
 /// Half a step of 8 bits, and rounding before it.
 pub const DISPLAY_STEP: f64 = 0.51 / 255.0;
@@ -34,21 +35,23 @@ impl Texels {
     /// 16-bit floats, which can be filtered everywhere.
     pub fn new(rig: &Rig<'_>, size: [u32; 2], texel: impl FnMut((u32, u32)) -> DVec4) -> Self {
         let format = wgpu::TextureFormat::Rgba16Float;
-        let values: Vec<[f32; 4]> =
-            pixels(size).map(texel).map(|v| v.to_array().map(cut_to_half)).collect();
-        let words = |v: &[f32; 4]| {
-            let [r, g, b, a] = v.map(half_bits);
-            [r | g << 16, b | a << 16].map(f32::from_bits)
-        };
-        let texels = || values.iter().flat_map(words).collect();
-        let texture = rig.fixed_texture("verify texels", size, format, texels);
-        Self { texture, values: values.concat() }
+        let values: Vec<f32> =
+            pixels(size).map(texel).flat_map(|v| v.to_array().map(cut_to_half)).collect();
+        let halves: Vec<f16> = values.iter().map(|value| f16::from_f32(*value)).collect();
+        let texels = || bytemuck::pod_collect_to_vec(halves.reinterpret_cast());
+        Self { texture: rig.fixed_texture("verify texels", size, format, texels), values }
     }
 
     /// Each channel noise in 0…1.
     pub fn noise(rig: &Rig<'_>, size: [u32; 2], seed: u32) -> Self {
         let mut random = Random::new(seed);
         Self::new(rig, size, |_| DVec4::from([(); 4].map(|()| random.number())))
+    }
+
+    /// What a stage draws.
+    pub fn draw(rig: &Rig<'_>, stage: &Stage<wgpu::Texture>) -> Result<Self> {
+        rig.run(&[stage])?;
+        Self::read(rig, stage.texture())
     }
 
     pub fn read(rig: &Rig<'_>, texture: &wgpu::Texture) -> Result<Self> {
@@ -89,11 +92,6 @@ pub fn corners(uv: DVec2, size: [u32; 2]) -> [(f64, [i64; 2]); 4] {
 fn cut_to_half(value: f64) -> f32 {
     let cut = f32::from_bits((value as f32).to_bits() & !0x1fff);
     if cut.abs() < 1e-4 { 0.0 } else { cut }
-}
-
-fn half_bits(cut: f32) -> u32 {
-    let bits = cut.to_bits();
-    bits >> 16 & 0x8000 | ((bits & 0x7fff_ffff) >> 13).saturating_sub(112 << 10)
 }
 
 /// What a camera sees, each pixel of a colour and a normal of its own, so that no other pixel's can stand for them.
@@ -148,7 +146,7 @@ impl<'a> NoisySurfaces<'a> {
     }
 
     pub fn seen(&self, (x, y): (u32, u32)) -> Option<SeenSurface> {
-        let at = DVec2::new(x.into(), y.into()) + 0.5;
+        let at = rig::middle((x, y));
         (self.depth.get((x, y)) < 1.0).then(|| self.surface(at, [x.into(), y.into()]))
     }
 

@@ -98,8 +98,7 @@ fn pool_errors(rig: &Rig<'_>, side: f64) -> Result<Vec<(Option<Face>, [f64; 2])>
     let (shared, pool) = (&fixture.shared, pool_from(&basin));
     let (map, gbuffer, shown) = (&rig.grey(&atlas.0), &known.gbuffer, PlanarView::Image);
     let stage = compose::new(rig, shared, gbuffer, map, &pool, EXPOSURE, shown)?;
-    rig.run(&[&stage])?;
-    let shown = Texels::read(rig, stage.texture())?;
+    let shown = Texels::draw(rig, &stage)?;
     // What is seen within 1.5 cm of a face is of it, by its normal; the floor first.
     let near_m = 0.005 * fixture.scene.water.half_size_m[0];
     let face_of = |seen: &SeenSurface| {

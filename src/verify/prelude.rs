@@ -10,6 +10,7 @@ pub use fathom_gpu::{GpuError, Stage, StageInfo, TimedStage, read_volume};
 pub use fathom_pipelines::BuiltPipeline;
 pub use fathom_reference::image::{Image, pixels};
 pub use fathom_reference::optics::*;
+pub use fathom_reference::picture::PictureLight;
 pub use fathom_reference::rays::{Hit, PixelRays, Projected, Tracer};
 pub use fathom_reference::surface::enter;
 pub use fathom_scene::{

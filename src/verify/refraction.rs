@@ -1,7 +1,8 @@
 //! `refraction/compose` and `refraction/surface`: pictures of what lines of sight meet behind glass and behind the water, against exact rays.
 
 use crate::prelude::*;
-use fathom_reference::picture::{PictureLight, SKY_SHARE};
+use fathom_reference::bisected;
+use fathom_reference::picture::SKY_SHARE;
 use fathom_reference::quantities::quantile;
 use fathom_reference::specular::{Ray, Surfaces};
 use fathom_stages::refraction::trace;
@@ -47,8 +48,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let exits = Exits { positions: positions.texture, directions: directions.texture.clone() };
     // Rays behind glass take no steps: opaque objects through it are the other case's.
     let stage = compose::new(rig, &fixture.shared, &known.gbuffer, &exits, None, EXPOSURE)?;
-    rig.run(&[&stage])?;
-    let shown = Texels::read(rig, stage.texture())?;
+    let shown = Texels::draw(rig, &stage)?;
     let light = &known.light;
     let unlike = |tiles: f64| {
         share_unlike(&shown, |at| {
@@ -108,13 +108,12 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Fixture, Image, [Texels; 2
     let walk = walk_uniforms(&peel, scene.solid_bounds(), MIN_STEPS);
     let trace = trace::new(rig, shared, &peel, &walk, 2, None)?;
     rig.run(&[&peel, &trace])?;
-    let none = rig.constant(SIZE, [0.0; 4])?;
+    let none = Texels::new(rig, SIZE, |_| DVec4::ZERO).texture;
     let none = Exits { positions: none.clone(), directions: none };
     let picture = |exits: &Exits| {
         let opaque = Some(scene.solid_bounds());
         let stage = compose::new(rig, shared, &gbuffer, exits, opaque, EXPOSURE)?;
-        rig.run(&[&stage])?;
-        Texels::read(rig, stage.texture())
+        Texels::draw(rig, &stage)
     };
     let pictures = [picture(&trace.output)?, picture(&none)?];
     let glass = rig.channel(&trace.positions, 3)?;
@@ -217,20 +216,16 @@ fn meet(fixture: &Fixture, (x, y): (u32, u32)) -> SightHits {
         p.y > water.height(p.x, p.z)
     };
     let far_m = floor_m.unwrap_or(fixture.scene.camera.z_far_m);
-    let (mut a, step) = (0.0, 5e-3);
-    while a < far_m && above(a) == above(a + step) {
-        a += step;
+    let (mut from, step) = (0.0, 5e-3);
+    while from < far_m && above(from) == above(from + step) {
+        from += step;
     }
-    if a >= far_m {
+    if from >= far_m {
         return (None, floor_m);
     }
-    let mut b = a + step;
-    for _ in 0..40 {
-        let middle = 0.5 * (a + b);
-        if above(middle) == above(a) { a = middle } else { b = middle }
-    }
-    let p = origin + sight * b;
-    (water.contains(p.x, p.z).then(|| (p, water.normal(p.x, p.z), b)), floor_m)
+    let [_, met] = bisected([from, from + step], 40, |t| above(t) != above(from));
+    let p = origin + sight * met;
+    (water.contains(p.x, p.z).then(|| (p, water.normal(p.x, p.z), met)), floor_m)
 }
 
 /// What is seen of a floor through water, in red.

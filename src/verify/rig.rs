@@ -3,7 +3,7 @@
 pub use fathom_pipelines::draw::Random;
 use std::ops::Deref;
 
-use glam::{DVec2, DVec3, UVec2, Vec2};
+use glam::{DVec2, DVec3, UVec2};
 
 use super::{Result, VerifyError};
 use fathom_gpu::{
@@ -12,16 +12,14 @@ use fathom_gpu::{
 };
 use fathom_pipelines::{BuiltPipeline, PipelineInstance, caustics_image};
 use fathom_reference::image::Image;
-use fathom_reference::photons::place_in_grid;
 use fathom_reference::picture::PictureLight;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene, WaterModel, Wave};
+use fathom_scene::{Camera, LightKind, Mesh, Object, Scene, WaterModel, Wave};
 use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
 use fathom_stages::scene::gbuffer;
-use fathom_stages::transfer::map::MapUniforms;
 use fathom_stages::uniforms::{Shared, View};
 
 /// Of a sum of 16-bit floats: what an addition loses at most, where it is cut off and not rounded. Their significands have 11 bits.
@@ -164,10 +162,6 @@ impl<'g> Rig<'g> {
         Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel))
     }
 
-    pub fn read_photons(&self, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
-        photons.read(self.gpu)
-    }
-
     /// What a buffer holds.
     pub fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>, GpuError> {
         Ok(bytemuck::pod_collect_to_vec(&read_buffer(self.gpu, buffer)?))
@@ -193,12 +187,6 @@ impl<'g> Rig<'g> {
         self.fixed_texture("verify input", image.size(), wgpu::TextureFormat::R32Float, texels)
     }
 
-    /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
-    pub fn constant(&self, size: [u32; 2], color: [f32; 4]) -> Result<wgpu::Texture, GpuError> {
-        let [r, g, b, a] = color.map(f64::from);
-        self.constant_texture(size, wgpu::TextureFormat::Rgba16Float, wgpu::Color { r, g, b, a })
-    }
-
     /// A texture of a format that is of one colour throughout.
     pub fn constant_texture(
         &self,
@@ -207,43 +195,31 @@ impl<'g> Rig<'g> {
         color: wgpu::Color,
     ) -> Result<wgpu::Texture, GpuError> {
         let texture = self.target("verify constant", size, format);
-        self.run(&[&Clear { view: kit::view(&texture), to: To::Color(color) }])?;
+        let color = ColorTarget { view: &kit::view(&texture), clear: Some(color), slice: None };
+        self.run(&[&Cleared(Targets { color: &[color], depth: None })])?;
         Ok(texture)
     }
 
     /// A depth texture of one value throughout.
     pub fn depth(&self, size: [u32; 2], depth: f64) -> Result<wgpu::Texture, GpuError> {
         let texture = self.target("verify depth", size, kit::DEPTH_FORMAT);
-        let clear = Clear { view: kit::view(&texture), to: To::Depth(depth as f32) };
-        self.run(&[&clear])?;
+        let (view, clear) = (&kit::view(&texture), Some(depth as f32));
+        let depth = Some(DepthTarget { view, clear, read_only: false });
+        self.run(&[&Cleared(Targets { color: &[], depth })])?;
         Ok(texture)
     }
 }
 
-/// Clears a target and draws nothing.
-struct Clear {
-    view: wgpu::TextureView,
-    to: To,
-}
+/// Draws nothing on targets, which are cleared.
+struct Cleared<'a>(Targets<'a>);
 
-enum To {
-    Color(wgpu::Color),
-    Depth(f32),
-}
-
-impl TimedStage for Clear {
+impl TimedStage for Cleared<'_> {
     fn name(&self) -> &'static str {
         "verify/clear"
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let view = &self.view;
-        let color = |to| [ColorTarget { view, clear: Some(to), slice: None }];
-        let depth = |to| DepthTarget { view, clear: Some(to), read_only: false };
-        match self.to {
-            To::Color(to) => scope.render(&Targets { color: &color(to), depth: None }, |_| ()),
-            To::Depth(to) => scope.render(&Targets { color: &[], depth: Some(depth(to)) }, |_| ()),
-        }
+        scope.render(&self.0, |_| ());
     }
 }
 
@@ -325,20 +301,6 @@ pub fn area_shown(rays: &PixelRays, (x, y): (u32, u32), (middle, normal): (DVec3
     0.5 * diagonal.cross(on_plane(x, y + 1) - on_plane(x + 1, y)).length()
 }
 
-/// Where photons start within the cells of a light's grid: off the middle.
-const IN_CELL: [f64; 2] = [0.375, 0.625];
-
-/// Settings of `transfer/map` whose photons [`grid_ray`] follows.
-pub fn light_grid(grid: [u32; 2]) -> MapUniforms {
-    let offset = Vec2::from(IN_CELL.map(|share| share as f32));
-    MapUniforms { grid: UVec2::from(grid), offset }
-}
-
-/// The ray of a light's grid that a photon of this number takes.
-pub fn grid_ray(frame: &LightFrame, number: u32, grid: [u32; 2]) -> (DVec3, DVec3) {
-    frame.photon_ray(place_in_grid(number, grid, IN_CELL))
-}
-
 /// The view of synthetic photons: scene `plane` from a round place in the middle of things.
 pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View> {
     let mut scene = flat_plane(LightKind::Directional)?;
@@ -357,16 +319,10 @@ pub fn photon(entry: DVec3, hit: DVec3, distance_m: f64) -> Photon {
     }
 }
 
-pub use crate::statistics::{largest, mean};
+pub use crate::statistics::largest;
 
 /// Repeatable noise in 0…1, as f32 holds it.
 pub fn noise(size: [u32; 2], seed: u32) -> Image {
     let mut random = Random::new(seed);
     Image::from_fn(size, |_, _| f64::from(random.number() as f32))
-}
-
-/// The mean of an image whose pixels count by repeatable weights: it shows what a mean would not, light that is elsewhere.
-pub fn weighted_mean(image: &Image) -> f64 {
-    let weights = noise(image.size(), 71);
-    mean(image.data().iter().zip(weights.data()).map(|(value, weight)| 2.0 * value * weight))
 }

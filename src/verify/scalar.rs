@@ -4,6 +4,7 @@ mod frames;
 mod isosurface;
 mod media;
 
+use super::voxel::subjects;
 use crate::prelude::*;
 use fathom_pipelines::scalar_ao::{self, Law, Mode, Scalar};
 use fathom_stages::ray_cast::Cast;
@@ -87,10 +88,9 @@ fn field(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume 
 
 fn unrounded(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume {
     let origin_m = -0.5 * spacing_m * DVec3::from(cells.map(f64::from));
-    let [nx, ny, nz] = cells;
-    let cells_in_order = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / (nx * ny)]);
     let centre = |cell: [u32; 3]| origin_m + spacing_m * (DVec3::from(cell.map(f64::from)) + 0.5);
-    let data = cells_in_order.map(|cell| f(centre(cell)) as f32).collect();
+    let data =
+        subjects::cells(&subjects::plain(cells)).map(|cell| f(centre(cell)) as f32).collect();
     Volume { name: "verify".into(), cells, origin_m, spacing_m, data }
 }
 

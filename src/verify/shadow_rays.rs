@@ -96,8 +96,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     };
     let photons = rig.photons(&pixels(SIZE).map(photon).collect::<Vec<_>>());
     let stage = compose::new(rig, &seen.fixture.shared, &known.gbuffer, &photons, EXPOSURE)?;
-    rig.run(&[&stage])?;
-    let shown = Texels::read(rig, stage.texture())?;
+    let shown = Texels::draw(rig, &stage)?;
     let light = &known.light;
     let error = |sky: f64| {
         largest_excess(&shown, |at| {

@@ -1,12 +1,11 @@
 //! `shafts/lines` and `shafts/blur` against lines and Gaussians in f64.
 
+use super::filters::sums;
 use super::lines::ScreenSegment;
 use crate::prelude::*;
-use fathom_stages::Column;
 use fathom_stages::photon::OUTSIDE;
 use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
-use fathom_stages::splatting::SplatSums;
 
 const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
@@ -65,11 +64,11 @@ impl ShaftLine {
         near + self.share_at(pixel) * (far - near)
     }
 
-    /// Its intensity at the middle of a pixel, seen from `eye`; of the way to it only the part below y = 0 is in the water.
-    fn intensity(&self, pixel: (u32, u32), gamma_per_m: f64, eye: DVec3) -> f64 {
+    /// Its intensity at the middle of a pixel; of the way to the eye only the part below y = 0 is in the water.
+    fn intensity(&self, pixel: (u32, u32), gamma_per_m: f64, light: &PictureLight) -> f64 {
         let [start, end] = self.ends_m;
         let place = start.lerp(end, self.share_at(pixel));
-        let path_m = BEFORE_M + start.distance(place) + wet_m(place, eye);
+        let path_m = BEFORE_M + start.distance(place) + light.wet_m(place);
         PHOTON_W * WEIGHT * transmittance(gamma_per_m, path_m)
     }
 }
@@ -97,26 +96,16 @@ fn draw_lines(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<L
     lines.into_iter().map(draw).collect()
 }
 
-/// Length of the part of a segment that is below y = 0.
-fn wet_m(a: DVec3, b: DVec3) -> f64 {
-    let (low, high) = if a.y < b.y { (a, b) } else { (b, a) };
-    if low.y >= 0.0 {
-        return 0.0;
-    }
-    let share = if high.y <= 0.0 { 1.0 } else { low.y / (low.y - high.y) };
-    share * a.distance(b)
-}
-
 fn single_lines(rig: &Rig<'_>, eye_m: f64) -> Checks {
     let mut view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     view.camera.position_m[1] = eye_m;
     view.camera.target_m[1] = eye_m;
     let lines = draw_lines(rig, &view, 3, 1.0)?;
-    let eye = view.camera.position();
+    let light = &PictureLight::new(&view.camera, &view.light, &view.water);
     let error = |gamma_per_m: f64| {
         percentile::<90>(lines.iter().flat_map(|(line, lit)| {
             lit.iter().map(move |(at, value)| {
-                relative_error(*value, line.intensity(*at, gamma_per_m, eye))
+                relative_error(*value, line.intensity(*at, gamma_per_m, light))
             })
         }))
     };
@@ -165,11 +154,7 @@ fn hidden(rig: &Rig<'_>, view: &View) -> Result<Check> {
 
 fn gaussian(rig: &Rig<'_>, sigma_px: f64) -> Result<Check> {
     let source = noise(SIZE, 9);
-    let stage = blur::new(
-        rig,
-        &SplatSums { texture: rig.grey(&source), column: Column::new("noise", "1", "noise") },
-        sigma_px,
-    )?;
+    let stage = blur::new(rig, &sums(rig, &source), sigma_px)?;
     let blurred = rig.draw(&[&stage], stage.texture(), 0)?;
     let error = |sigma_px: f64| {
         let exact = twin(&twin(&source, sigma_px, [1, 0]), sigma_px, [0, 1]);

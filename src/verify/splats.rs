@@ -76,11 +76,8 @@ pub const RULES: Rules = Rules {
     splatting: Splatting::Compute,
 };
 
-fn name(splatting: Splatting) -> &'static str {
-    match splatting {
-        Splatting::Compute => "compute",
-        Splatting::Raster => "raster",
-    }
+fn name(splatting: Splatting) -> String {
+    format!("{splatting:?}").to_lowercase()
 }
 
 /// A control of [`Rules::murkier`].

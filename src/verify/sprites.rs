@@ -156,8 +156,7 @@ fn facing_shape(rig: &Rig<'_>) -> Result<Check> {
     let lit = SpriteScene::new(rig)?;
     let sprite = Sprite { facing: true, visible_m: 100.0, ..SPRITE };
     let irradiance = lit.irradiance(rig, &lit.fixture, &sprite)?;
-    let camera = &lit.fixture.scene.camera;
-    let axis = (DVec3::from(camera.target_m) - camera.position()).normalize();
+    let axis = lit.fixture.scene.camera.direction();
     let errors = |normal| lit.errors(&irradiance, normal, SPRITE.radius_m);
     Ok(Check::new(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
         .within((0.01, "1"), errors(axis))
@@ -177,8 +176,7 @@ fn composed(rig: &Rig<'_>) -> Checks {
         let shafts_over = Some(Shafts { flux: &flux, scale: SHAFT_SCALE });
         let draw = |output: SpriteOutput<'_>| -> Result<Texels> {
             let stage = compose::new(rig, &fixture.shared, &known.gbuffer, &light, &output)?;
-            rig.run(&[&stage])?;
-            Texels::read(rig, stage.texture())
+            Texels::draw(rig, &stage)
         };
         let dry = |at: (u32, u32), photons: f64| {
             let seen = known.seen(at)?;

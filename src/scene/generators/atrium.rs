@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use crate::Mesh;
-use crate::shapes::{cuboid, lathe, merged, moved, sheet, smooth_profile};
+use crate::shapes::{cuboid, merged, moved, sheet, smooth_solid};
 
 /// Arches along each side.
 const BAYS: u32 = 9;
@@ -62,11 +62,7 @@ fn column(radius: f64, height: f64) -> Mesh {
         (1.45 * r, 0.97 * h),
         (1.5 * r, h),
     ];
-    // Closed below and above; the repeated points keep the edges sharp.
-    let mut profile = vec![(0.0, 0.0), (1.5 * r, 0.0)];
-    profile.extend(smooth_profile(&knots, 4));
-    profile.extend([(1.5 * r, h), (0.0, h)]);
-    lathe(&profile, 24)
+    smooth_solid(&knots, 4, 24)
 }
 
 /// The wall above one opening of a row, cut out by a half ellipse: two faces and the soffit.

@@ -6,7 +6,7 @@ use glam::{DMat4, DVec3};
 
 use crate::Mesh;
 use crate::shapes::{
-    block, cylinder, grounded, lathe, merged, moved, scaled, smooth_profile, sphere, torus,
+    block, cylinder, grounded, merged, moved, scaled, smooth_solid, sphere, torus,
 };
 
 /// Swing of the left leg forward and the right one back, of the right arm forward and the left one back, bend of the elbows, angle
@@ -60,19 +60,13 @@ fn limb(radius: f64, length: f64, rows: usize) -> Mesh {
         (1.05 * r, -0.2 * length),
         (0.7 * r, 0.0),
     ];
-    let mut profile = vec![(0.0, -length), (0.6 * r, -length)];
-    profile.extend(smooth_profile(&knots, 4));
-    profile.extend([(0.7 * r, 0.0), (0.0, 0.0)]);
-    lathe(&profile, 2 * rows)
+    smooth_solid(&knots, 4, 2 * rows)
 }
 
 fn torso(rows: usize) -> Mesh {
     let knots = [(0.07, 0.5), (0.09, 0.53), (0.075, 0.6), (0.125, 0.7), (0.13, 0.77), (0.07, 0.83)];
-    let mut profile = vec![(0.0, 0.5), (0.07, 0.5)];
-    profile.extend(smooth_profile(&knots, 5));
-    profile.extend([(0.07, 0.83), (0.0, 0.83)]);
     let flat = DMat4::from_scale(DVec3::new(1.0, 1.0, 0.72));
-    let body = lathe(&profile, 3 * rows).transformed(&flat);
+    let body = smooth_solid(&knots, 5, 3 * rows).transformed(&flat);
     let pack = moved(block(0.15, 0.15, 0.07), 0.0, 0.65, -0.11);
     let towards = DMat4::from_rotation_x(FRAC_PI_2);
     let lens = cylinder(0.035, 0.03, 2 * rows).transformed(&towards);

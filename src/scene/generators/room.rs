@@ -5,7 +5,7 @@ use glam::{DMat4, DVec3};
 
 use super::Dice;
 use crate::Mesh;
-use crate::shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved};
+use crate::shapes::{at_corners, bar, block, cuboid, displaced_sphere, lathe, merged, moved};
 
 settings! {
     pub struct Interior {
@@ -63,11 +63,8 @@ pub fn table(size: DVec3) -> Mesh {
     let board = moved(block(size.x, top, size.z), 0.0, size.y - top, 0.0);
     let frame = block(size.x - 4.0 * leg, 0.1 * size.y, size.z - 4.0 * leg);
     let frame = moved(frame, 0.0, size.y - top - 0.1 * size.y, 0.0);
-    let legs = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(sx, sz)| {
-        let (x, z) = (0.5 * size.x - 1.5 * leg, 0.5 * size.z - 1.5 * leg);
-        moved(block(leg, size.y - top, leg), sx * x, 0.0, sz * z)
-    });
-    merged([board, frame].into_iter().chain(legs))
+    let (x, z) = (0.5 * size.x - 1.5 * leg, 0.5 * size.z - 1.5 * leg);
+    merged([board, frame, at_corners(&block(leg, size.y - top, leg), x, z)])
 }
 
 pub fn chair() -> Mesh {
@@ -147,10 +144,7 @@ pub fn sofa(&Sofa { width_m: width }: &Sofa) -> Mesh {
         let back = cushion(DVec3::new(0.96 * each, 0.42, 0.16)).transformed(&lean);
         mesh.append(&moved(back, x, 0.4, 0.34 - 0.5 * depth));
     }
-    for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-        let foot = block(0.05, 0.07, 0.05);
-        mesh.append(&moved(foot, sx * (0.5 * width - 0.1), 0.0, sz * (0.5 * depth - 0.1)));
-    }
+    mesh.append(&at_corners(&block(0.05, 0.07, 0.05), 0.5 * width - 0.1, 0.5 * depth - 0.1));
     mesh
 }
 

@@ -7,7 +7,7 @@ use glam::{DMat4, DVec3};
 
 use super::Dice;
 use crate::Mesh;
-use crate::shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube};
+use crate::shapes::{at_corners, bar, block, cuboid, cylinder, lathe, merged, moved, tube};
 
 settings! {
     pub struct Hall {
@@ -130,10 +130,7 @@ fn wooden_crate(size: DVec3) -> Mesh {
         [-h.x + 0.75 * t, 0.75 * t, -h.z + 0.75 * t],
         [h.x - 0.75 * t, top - 0.75 * t, h.z - 0.75 * t],
     );
-    for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-        let post = block(t, top, t);
-        mesh.append(&moved(post, sx * (h.x - 0.5 * t), 0.0, sz * (h.z - 0.5 * t)));
-    }
+    mesh.append(&at_corners(&block(t, top, t), h.x - 0.5 * t, h.z - 0.5 * t));
     for y in [0.0, top - t] {
         for s in [-1.0, 1.0] {
             let (along_x, along_z) = (block(size.x - 2.0 * t, t, t), block(t, t, size.z - 2.0 * t));

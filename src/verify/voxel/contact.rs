@@ -2,7 +2,7 @@
 
 use super::subjects::{VoxelScene, voxels_of};
 use crate::prelude::*;
-use fathom_reference::voxel::{BORDERLINE_VOXELS, Corners, VoxelErrors, errors, gaps, triangles};
+use fathom_reference::voxel::{BORDERLINE_VOXELS, Corners, errors, gaps, triangles};
 use fathom_stages::voxel::{alpha, overlap};
 
 const OVERLAP: &str = "voxel/overlap";
@@ -68,13 +68,13 @@ fn touched(rig: &Rig<'_>) -> Result<Check> {
 
 /// No false negatives and no false positives outside the borderline band, over subjects with the triangles that count.
 fn no_errors(rig: &Rig<'_>, name: &str, subjects: &[(Vec<Corners>, VoxelScene)]) -> Checks {
-    let [mut exact, mut perturbed] = [VoxelErrors::default(); 2];
+    let (mut found, mut exact, mut moved) = (Vec::new(), Vec::new(), Vec::new());
     for (triangles, subject) in subjects {
-        let found = subject.voxelized(rig, |geometry, parts| overlap::new(rig, geometry, parts))?;
-        let against = |grid: &Grid| errors(&found, &gaps(triangles, grid));
-        exact += against(&subject.grid);
-        perturbed += against(&subject.shifted(MOVED_VOXELS));
+        found.extend(subject.voxelized(rig, |geometry, parts| overlap::new(rig, geometry, parts))?);
+        exact.extend(gaps(triangles, &subject.grid));
+        moved.extend(gaps(triangles, &subject.shifted(MOVED_VOXELS)));
     }
+    let [exact, perturbed] = [exact, moved].map(|gaps| errors(&found, &gaps));
     let control = "grid moved by 0.02 voxels";
     Ok(vec![
         Check::new(rig, format!("{name}: voxels missed"))

@@ -2,7 +2,6 @@
 
 use super::subjects::{cells, plain, random_voxels, voxels_of};
 use crate::prelude::*;
-use fathom_stages::kit::Buffer;
 use fathom_stages::voxel::clear::{self, Cleared};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::slicemap::SliceAxis;
@@ -87,8 +86,11 @@ fn unpack(rig: &Rig<'_>) -> Checks {
                 (true, true) => 1 + (random.number() * 254.0) as u8,
             };
             let values: Vec<u8> = full.iter().map(value).collect();
-            voxels.write(rig, &vec![0; values.len()]);
-            alphas.push(load(rig, voxels, &values, alpha));
+            // Bits or alphas alone: the texture is the stage's.
+            let empty = vec![0; values.len()];
+            voxels.write(rig, if alpha { &empty } else { &values });
+            rig.write_level(&voxels.texture, 0, &empty);
+            alphas.push(rig.words(&values.iter().copied().map(u32::from).collect::<Vec<_>>()));
             expected.push(values);
         }
         let packed = if alpha { Packed::Alphas(alphas) } else { Packed::Bits };
@@ -109,17 +111,4 @@ fn unpack(rig: &Rig<'_>) -> Checks {
         );
     }
     Ok(checks)
-}
-
-/// Puts values into a volume's bits, or into a buffer of a word each, which is returned.
-fn load(rig: &Rig<'_>, voxels: &Voxels, values: &[u8], alpha: bool) -> Buffer {
-    if alpha {
-        return rig.words(&values.iter().map(|value| u32::from(*value)).collect::<Vec<_>>());
-    }
-    let mut words = vec![0u32; voxels.grid.words() as usize];
-    for (index, _) in values.iter().enumerate().filter(|(_, value)| **value > 0) {
-        words[index / 32] |= 1 << (index % 32);
-    }
-    rig.gpu.queue.write_buffer(&voxels.bits, 0, bytemuck::cast_slice(&words));
-    voxels.bits.clone()
 }

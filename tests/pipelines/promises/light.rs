@@ -167,7 +167,7 @@ fn fitted_starts_leave_out_no_light_that_lands_in_view() {
         let blocks = blocks.collect();
         let scene = scene(&mut random, steepest, degrees, depth_m, blocks);
         let mut left_out = |water: &Water, sums: &mut [f64; 2]| {
-            let frame = scene.light.photon_frame(&scene.camera, 1.2, &scene.bounds, water);
+            let frame = scene.light.frame(&scene.camera, 1.2, &scene.bounds, water, true);
             let found = left_out(&scene, &frame, &mut random);
             (0..2).for_each(|i| sums[i] += found[i]);
             found
@@ -204,7 +204,7 @@ impl Traced {
         rig.run_until(&pipeline, CAUSTICS.name).unwrap();
         let (frame, tracer) = (pipeline.view.light_frame(), Tracer::new(&scene.objects));
         let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
-        let photons = rig.read_photons(&pipeline.caustics.photons).unwrap();
+        let photons = pipeline.caustics.photons.read(rig.gpu).unwrap();
         Self { frame, grid, tracer, photons, landings }
     }
 }

@@ -24,7 +24,7 @@ fn every_scene_loads_and_is_lit_and_seen() {
         let seen = scene.camera.view_projection(1.0).project_point3(scene.solid_bounds().center());
         let is_seen = seen.abs().truncate().max_element() < 1.0 && (0.0..1.0).contains(&seen.z);
         assert!(is_seen || scene.bounds.contains(scene.camera.middle()), "{name}: {seen}");
-        let frame = scene.light.frame(&scene.camera, 1.0, &scene.bounds, &scene.water);
+        let frame = scene.light.frame(&scene.camera, 1.0, &scene.bounds, &scene.water, false);
         assert!(frame.emitted_w > 0.0, "{name}");
         let rays: &[_] = if WET.split(' ').any(|wet| wet == name) { &RAYS } else { &[] };
         for &(x, y) in rays {
