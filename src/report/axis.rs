@@ -22,7 +22,7 @@ impl ScaleKind {
     }
 }
 
-/// Least height of a scale that does not begin at 0, as a share of its values.
+/// Smallest height of a scale that does not begin at 0, as a share of its values.
 const MIN_SPREAD: f64 = 0.05;
 
 /// Data are mapped to an axis' own coordinate: the value, or its decimal logarithm.
@@ -78,18 +78,9 @@ impl Scale {
     /// where no value is finite.
     pub fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;
-        let least = MIN_SPREAD * low.abs().max(high.abs());
-        let missing = (least - (high - low)).max(0.0) / 2.0;
+        let min_height = MIN_SPREAD * low.abs().max(high.abs());
+        let missing = (min_height - (high - low)).max(0.0) / 2.0;
         Some(Scale::linear(low - missing, high + missing))
-    }
-
-    /// From one value to the other, without room around them.
-    pub fn spanning(kind: ScaleKind, values: [f64; 2]) -> Option<Scale> {
-        let mut scale = Scale::fit(kind, values)?;
-        let [low, high] = values;
-        (scale.low, scale.high) = (scale.coord(low)?, scale.coord(high)?);
-        scale.ticks.retain(|tick| (scale.low..=scale.high).contains(tick));
-        Some(scale)
     }
 
     /// A linear scale with names at some places.
@@ -165,7 +156,7 @@ impl Scale {
     }
 }
 
-/// The least and the largest value.
+/// The smallest and the largest value.
 fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     values.fold(None, |ends, value| {
         let [low, high] = ends.unwrap_or([value; 2]);
@@ -173,7 +164,7 @@ fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     })
 }
 
-/// The least of 1, 2, 5 × 10ⁿ that is not below the value.
+/// The smallest of 1, 2, 5 × 10ⁿ that is not below the value.
 fn nice(value: f64) -> f64 {
     let decade = 10_f64.powf(value.log10().floor());
     let multiple = [1.0, 2.0, 5.0, 10.0]
