@@ -1,4 +1,4 @@
-// Dispatches of any number of invocations, spread over two dimensions. Host twin: `linear_workgroups` in src/stages/kit.rs.
+// Dispatches of any number of invocations, spread over two dimensions. Host twin: `linear_workgroups` in src/gpu/kit/pass.rs.
 #define_import_path fathom::dispatch
 
 // Invocations of a workgroup.

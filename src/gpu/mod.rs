@@ -8,6 +8,7 @@ mod adapter;
 mod capacity;
 mod ceilings;
 mod error;
+pub mod kit;
 mod layout;
 mod limits;
 mod loops;

@@ -1,8 +1,8 @@
 //! `compose`: the final image from all buffers, the water surface drawn over it. UW §3.5.
 
-use crate::kit::Raster;
 use crate::picture::Picture;
 use crate::prelude::*;
+use fathom_gpu::kit::Raster;
 
 pub const INFO: StageInfo = StageInfo {
     name: "compose",

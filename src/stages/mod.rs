@@ -5,7 +5,6 @@
 //! [`StageScope`](fathom_gpu::StageScope), which writes the timestamps, and declares its work.
 
 pub mod compose;
-pub mod kit;
 pub mod prelude;
 pub mod refraction;
 mod shared;
@@ -140,9 +139,6 @@ mod tests {
 
     use itertools::Itertools;
 
-    /// Folders that are no family: what all of them share.
-    const SHARED: [&str; 2] = ["kit", "shared"];
-
     fn entries(folder: &Path) -> Vec<PathBuf> {
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).sorted().collect()
     }
@@ -155,7 +151,7 @@ mod tests {
     fn no_stage_imports_a_stage_of_another_family() {
         let source = Path::new(env!("CARGO_MANIFEST_DIR"));
         let folders = entries(source).into_iter().filter(|path| path.is_dir());
-        let families: Vec<PathBuf> = folders.filter(|path| !SHARED.contains(&name(path))).collect();
+        let families: Vec<PathBuf> = folders.filter(|path| name(path) != "shared").collect();
         assert!(families.len() >= 14, "{families:?}");
         for family in &families {
             let others = families.iter().filter(|other| *other != family).map(|path| name(path));

@@ -4,8 +4,8 @@ use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
 use super::entry::{EntrySearch, water_iterations};
-use super::kit::host_bytes;
 use crate::prelude::*;
+use fathom_gpu::kit::host_bytes;
 use fathom_scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
 pub const INFO: StageInfo = StageInfo {

@@ -3,9 +3,9 @@
 use std::f64::consts::SQRT_2;
 
 use crate::prelude::*;
+use fathom_gpu::kit;
 use fathom_gpu::read_texture;
 use fathom_reference::picture::PictureLight;
-use fathom_stages::kit;
 
 /// Half a step of 8 bits, and rounding before it.
 pub const DISPLAY_STEP: f64 = 0.51 / 255.0;

@@ -5,11 +5,11 @@ use glam::{DMat4, Vec2};
 use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
 use crate::gbuffer::GBuffer;
-use crate::kit::{Canvas, Raster};
 use crate::marching::Marching;
 use crate::prelude::*;
 use crate::voxels::Voxels;
 use fathom_gpu::Gpu;
+use fathom_gpu::kit::{Canvas, Raster};
 use fathom_scene::Bounds;
 
 pub const INFO: StageInfo = StageInfo {

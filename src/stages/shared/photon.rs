@@ -4,9 +4,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use crate::kit::{Resource, square_workgroups};
 use crate::prelude::*;
 use crate::uniforms::View;
+use fathom_gpu::kit::{Resource, square_workgroups};
 use fathom_gpu::{Gpu, MAX_ITERATIONS, read_buffer};
 use fathom_scene::LightKind;
 

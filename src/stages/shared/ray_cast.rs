@@ -2,10 +2,10 @@
 
 use glam::{Vec2, Vec3};
 
-use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
 use crate::scalar_field::ScalarField;
 use crate::slices::{Slice, loop_bound, slices};
+use fathom_gpu::kit::{Canvas, Raster};
 
 shader_struct! {
     /// `March` in `shaders/shared/ray_cast.wgsl`.

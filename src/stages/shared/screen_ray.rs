@@ -3,9 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec2, Vec2, Vec3};
 
-use crate::kit::Resource;
 use crate::photon::{Photon, Photons};
 use crate::prelude::*;
+use fathom_gpu::kit::Resource;
 use fathom_scene::Bounds;
 
 shader_struct! {

@@ -2,7 +2,7 @@
 
 use super::subjects::{cells, plain, random_voxels, voxels_of};
 use crate::prelude::*;
-use fathom_stages::kit::Buffer;
+use fathom_gpu::kit::Buffer;
 use fathom_stages::voxel::clear::{self, Cleared};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::slicemap::SliceAxis;

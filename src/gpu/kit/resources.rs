@@ -8,7 +8,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 
 use super::{Bindings, Nearest, ShaderStruct, host_bytes};
-use fathom_gpu::{Capacity, Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
+use crate::{Capacity, Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use fathom_record::Work;
 
 /// Bytes of a buffer on a planner: enough for every binding.

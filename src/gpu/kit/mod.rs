@@ -5,14 +5,14 @@ mod layout;
 mod pass;
 mod resources;
 
-use fathom_gpu::Gpu;
+use crate::Gpu;
 
+pub use crate::StructLayout;
 pub use bind::{Bind, Bindings, Layer, Nearest, Resource};
-pub use fathom_gpu::StructLayout;
 pub use layout::{FieldType, ShaderStruct, host_bytes};
 pub use pass::{
     Canvas, Code, Depth, Dispatch, DrawPass, Raster, RenderSpec, draw_fullscreen,
-    linear_workgroups, pixels, scene_stage, size_px, square_workgroups,
+    linear_workgroups, pixels, size_px, square_workgroups,
 };
 pub use resources::{Buffer, PipelineParts, Resources, When};
 

@@ -4,7 +4,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 
 use super::{Buffer, Resource};
-use fathom_gpu::{Binding, GpuError, Shader, StructLayout};
+use crate::{Binding, GpuError, Shader, StructLayout};
 
 /// A host struct that shaders read or write; [`shader_struct!`](crate::shader_struct) makes it.
 pub trait ShaderStruct: ShaderType + WriteInto {

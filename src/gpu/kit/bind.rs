@@ -1,7 +1,7 @@
 //! Bind groups. What kind each binding is follows from the shader.
 
 use super::{Buffer, layout};
-use fathom_gpu::{Binding, BindingKind, GpuError, GroupKey, Shader};
+use crate::{Binding, BindingKind, GpuError, GroupKey, Shader};
 
 /// What a shader can bind.
 pub trait Bind {

@@ -1,8 +1,7 @@
 //! Compute and render pipelines with what they bind, and the passes that stages consist of.
 
-use super::{Bindings, Resources, depth_state, layer_view, opaque, view};
-use crate::geometry::{Geometry, Objects};
-use fathom_gpu::{
+use super::{Bindings, Resources, depth_state, layer_view, view};
+use crate::{
     CodeKey, ColorTarget, Demand, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
     Stage, StageInfo, StageScope, Targets, compilation_options,
 };
@@ -471,43 +470,6 @@ impl DrawPass {
 /// Covers the targets with one triangle.
 pub fn draw_fullscreen(pass: &mut wgpu::RenderPass<'_>) {
     pass.draw(0..3, 0..1);
-}
-
-/// A stage that draws all opaque geometry with a depth test: a colour target of `size_px` for each format, cleared to transparent black,
-/// and a depth target. Without colours only positions are read. It leaves the colours and the depth. `texel_bytes` are those of a
-/// pixel of all targets.
-pub fn scene_stage(
-    resources: &Resources<'_>,
-    info: &'static StageInfo,
-    groups: &[&Bindings],
-    geometry: &Geometry,
-    (formats, texel_bytes): (&[wgpu::TextureFormat], u64),
-    size_px: [u32; 2],
-) -> Result<Stage<(Vec<wgpu::Texture>, wgpu::Texture)>, GpuError> {
-    let depth = resources.target(info.name, size_px, super::DEPTH_FORMAT);
-    let states: Vec<_> = formats.iter().map(|format| opaque(*format)).collect();
-    let spec = RenderSpec {
-        fragment: (!formats.is_empty()).then_some("fragment"),
-        buffers: &[Geometry::layout(formats.is_empty())],
-        depth: Some(Depth::nearest(&depth)),
-        ..RenderSpec::new(info.name, groups, &states)
-    };
-    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
-    let triangles = geometry.triangles_of(Objects::Opaque);
-    let work = Work {
-        triangles,
-        // Where nothing is drawn, nothing is read.
-        bytes_read: if triangles > 0 { geometry.bytes() } else { 0 },
-        bytes_written: pixels(&depth) * texel_bytes,
-        ..Work::default()
-    };
-    // Other parts than the opaque one have some of the geometry's bytes.
-    let least = Work { bytes_read: 0, ..work };
-    let (colors, geometry) = (pass.canvas.textures.clone(), geometry.clone());
-    let encode = move |scope: &mut StageScope<'_>| {
-        pass.render(scope, |pass| geometry.draw(pass, Objects::Opaque));
-    };
-    Ok(Stage::new(info, work, encode).with_min_work(least).with_output((colors, depth)))
 }
 
 #[cfg(test)]
