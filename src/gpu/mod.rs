@@ -31,7 +31,7 @@ pub use fathom_clock::{
 pub use layout::{Binding, BindingKind, Member, StructLayout};
 pub use limits::Demand;
 pub use loops::{MAX_ITERATIONS, describe_loop_turns, measure_loop_turns};
-pub use pipelines::{CodeKey, GroupKey, KernelKey, MadePipelines, RasterKey};
+pub use pipelines::{CodeKey, MadePipelines};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
-pub use shader::{Shader, compilation_options, default_defs, link, shader_paths, text};
+pub use shader::{Shader, default_defs, link, shader_paths, text};
 pub use stage::{Column, OutputData, ReadRow, Stage, StageDump, StageInfo, stages_before};

@@ -1,7 +1,8 @@
 //! Bind groups. What kind each binding is follows from the shader.
 
 use super::{Buffer, layout};
-use crate::{Binding, BindingKind, GpuError, GroupKey, Shader};
+use crate::pipelines::GroupKey;
+use crate::{Binding, BindingKind, GpuError, Shader};
 
 /// What a shader can bind.
 pub trait Bind {

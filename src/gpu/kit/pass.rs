@@ -1,9 +1,10 @@
 //! Compute and render pipelines with what they bind, and the passes that stages consist of.
 
 use super::{Bindings, Resources, depth_state, layer_view, view};
+use crate::pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
+use crate::shader::compilation_options;
 use crate::{
-    CodeKey, ColorTarget, Demand, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
-    Stage, StageInfo, StageScope, Targets, compilation_options,
+    ColorTarget, Demand, DepthTarget, GpuError, Shader, Stage, StageInfo, StageScope, Targets,
 };
 use fathom_record::Work;
 
@@ -12,6 +13,8 @@ use fathom_record::Work;
 pub struct Code<'a> {
     pub path: &'a str,
     pub defs: &'a [(&'a str, i32)],
+    /// Of a compute pipeline.
+    pub entry: &'a str,
 }
 
 impl Code<'_> {
@@ -22,19 +25,19 @@ impl Code<'_> {
 
 impl<'a> From<&'a str> for Code<'a> {
     fn from(path: &'a str) -> Self {
-        Self { path, defs: &[] }
+        Self { path, defs: &[], entry: "main" }
     }
 }
 
 impl<'a, const N: usize> From<(&'a str, &'a [(&'a str, i32); N])> for Code<'a> {
     fn from((path, defs): (&'a str, &'a [(&'a str, i32); N])) -> Self {
-        Self { path, defs }
+        Self { path, defs, entry: "main" }
     }
 }
 
 impl<'a> From<(&'a str, &'a [(&'a str, i32)])> for Code<'a> {
     fn from((path, defs): (&'a str, &'a [(&'a str, i32)])) -> Self {
-        Self { path, defs }
+        Self { path, defs, entry: "main" }
     }
 }
 
@@ -80,7 +83,7 @@ impl Linked {
 
 const PLANNED: &str = "a planned pipeline is never run";
 
-/// A compute pipeline with entry point `main`, its groups and a number of workgroups.
+/// A compute pipeline, its groups and a number of workgroups.
 pub struct Dispatch {
     /// None on a planner.
     pipeline: Option<(wgpu::ComputePipeline, Vec<wgpu::BindGroup>)>,
@@ -102,13 +105,14 @@ impl Dispatch {
             return Ok(Self { pipeline: None, workgroups });
         }
         let linked = Linked::new(resources, code, wgpu::ShaderStages::COMPUTE, groups)?;
-        let key = KernelKey { code: code.key(), groups: linked.keys.clone() };
+        let entry = code.entry.to_owned();
+        let key = KernelKey { code: code.key(), entry, groups: linked.keys.clone() };
         let make = || {
             let descriptor = wgpu::ComputePipelineDescriptor {
                 label: Some(code.path),
                 layout: Some(&linked.layout(resources)),
                 module: &linked.shader.module,
-                entry_point: Some("main"),
+                entry_point: Some(code.entry),
                 compilation_options: compilation_options(),
                 cache: None,
             };
@@ -157,7 +161,7 @@ pub fn square_workgroups(size_px: [u32; 2], side: u32) -> [u32; 3] {
     [x, y, 1]
 }
 
-/// What distinguishes one render pipeline from another, and what it binds. No culling.
+/// What distinguishes one render pipeline from another, and what it binds.
 #[derive(Clone)]
 pub struct RenderSpec<'a> {
     /// The stage's name.
@@ -170,6 +174,7 @@ pub struct RenderSpec<'a> {
     pub targets: &'a [wgpu::ColorTargetState],
     pub depth: Option<Depth<'a>>,
     pub topology: wgpu::PrimitiveTopology,
+    pub cull_mode: Option<wgpu::Face>,
 }
 
 /// How depth is tested, and against which.
@@ -197,7 +202,7 @@ impl<'a> Depth<'a> {
 }
 
 impl<'a> RenderSpec<'a> {
-    /// Triangles, entry points `vertex` and `fragment`, no vertex buffers, no depth.
+    /// Triangles, none culled, entry points `vertex` and `fragment`, no vertex buffers, no depth.
     pub fn new(
         code: impl Into<Code<'a>>,
         groups: &'a [&'a Bindings],
@@ -214,7 +219,13 @@ impl<'a> RenderSpec<'a> {
             targets,
             depth: None,
             topology: wgpu::PrimitiveTopology::TriangleList,
+            cull_mode: None,
         }
+    }
+
+    fn primitive(&self) -> wgpu::PrimitiveState {
+        let Self { topology, cull_mode, .. } = *self;
+        wgpu::PrimitiveState { topology, cull_mode, ..Default::default() }
     }
 
     fn key(&self, groups: &[GroupKey]) -> RasterKey {
@@ -229,7 +240,7 @@ impl<'a> RenderSpec<'a> {
                 .collect(),
             targets: self.targets.to_vec(),
             depth: self.depth.map(|depth| depth_state(depth.compare, depth.write)),
-            topology: self.topology,
+            primitive: self.primitive(),
         }
     }
 }
@@ -269,7 +280,7 @@ impl Raster {
                 compilation_options: compilation_options(),
                 buffers: &buffers,
             },
-            primitive: wgpu::PrimitiveState { topology: spec.topology, ..Default::default() },
+            primitive: spec.primitive(),
             depth_stencil: spec.depth.map(|depth| depth_state(depth.compare, depth.write)),
             multisample: wgpu::MultisampleState::default(),
             fragment: spec.fragment.map(|entry| wgpu::FragmentState {

@@ -252,7 +252,7 @@ impl<'g> Resources<'g> {
         self.texture(label, (wgpu::TextureDimension::D3, size), format, usage, levels)
     }
 
-    fn texture(
+    pub(crate) fn texture(
         &self,
         label: &str,
         (dimension, size): (wgpu::TextureDimension, wgpu::Extent3d),
