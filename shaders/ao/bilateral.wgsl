@@ -1,7 +1,8 @@
 // Joint bilateral filter and up-scaling of the ambient-occlusion buffer: VAO §6.
-#import fathom::bilateral::{Filter, filtered}
+#import fathom::host::{BilateralUniforms}
+#import fathom::bilateral::{filtered}
 
-@group(1) @binding(0) var<storage, read> settings: Filter;
+@group(1) @binding(0) var<storage, read> settings: BilateralUniforms;
 @group(1) @binding(1) var source: texture_2d<f32>;
 @group(1) @binding(2) var depth: texture_depth_2d;
 @group(1) @binding(3) var normals: texture_2d<f32>;

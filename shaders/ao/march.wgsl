@@ -1,15 +1,11 @@
 // Volume ambient occlusion of what the camera sees: VAO §3 step 3, §5.1.
 // defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, SKIPPING=0, OPACITY=0, PEAK=0, JITTER=0, COUNT=0, SLICED=0
+#import fathom::host::{TargetUniforms}
 #import fathom::uniforms::{world_at}
 #import fathom::marching
 #import fathom::screen
 
-struct Target {
-    // Pixels of the occlusion buffer.
-    size_px: vec2<f32>,
-}
-
-@group(2) @binding(0) var<uniform> settings: Target;
+@group(2) @binding(0) var<uniform> settings: TargetUniforms;
 @group(2) @binding(1) var depth: texture_depth_2d;
 @group(2) @binding(2) var normals: texture_2d<f32>;
 #if COUNT == 1
@@ -29,7 +25,7 @@ fn count(counter: u32, slot: u32, n: u32) {
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let view_px = vec2<f32>(textureDimensions(depth));
-    let texel = screen::texel_behind(pixel.xy, settings.size_px, view_px);
+    let texel = screen::texel_behind(pixel.xy, vec2<f32>(settings.size_px), view_px);
     let z = textureLoad(depth, texel, 0);
     if z >= 1.0 {
         discard;
@@ -37,7 +33,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let uv = (vec2<f32>(texel) + 0.5) / view_px;
     let normal = normalize(textureLoad(normals, texel, 0).xyz);
     let place = vec2<u32>(pixel.xy);
-    let index = place.y * u32(settings.size_px.x) + place.x;
+    let index = place.y * settings.size_px.x + place.x;
     let occluded = marching::occlusion(world_at(uv, z), normal, marching::seed_of(place.x + 65536u * place.y), index);
 #if COUNT == 1
     let slot = place.x & 63u;

@@ -1,13 +1,8 @@
 // defs: GROUP_SIZE=64, EDGE=64
 // Kernels of a compute pass. Every invocation of one leaves the same whole number.
-struct Work {
-    turns: u32,
-    // Both 1, which the compiler cannot know.
-    factor: f32,
-    addend: f32,
-}
+#import fathom::host::{KernelWork}
 
-@group(0) @binding(0) var<uniform> work: Work;
+@group(0) @binding(0) var<uniform> work: KernelWork;
 @group(0) @binding(1) var<storage, read_write> results: array<atomic<u32>>;
 @group(1) @binding(0) var<storage, read> data: array<vec4<u32>>;
 @group(2) @binding(0) var image: texture_2d<f32>;

@@ -1,11 +1,11 @@
 // defs: TEST=1, WATER=0
 // The same rays, an invocation each, which leaves at the first hit, or at the last that is kept: the single-shader form of SPT §2.1.
+#import fathom::host::{Photon, Transfer, WalkUniforms}
 #import fathom::dispatch::place
-#import fathom::photon::{Photon}
-#import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
+#import fathom::screen_ray::{hit, segment}
+#import fathom::transfer::{ENDED, NO_HIT, landed}
 
-@group(1) @binding(0) var<uniform> walk: Walk;
+@group(1) @binding(0) var<uniform> walk: WalkUniforms;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;

@@ -2,26 +2,10 @@
 // Upsampling, 2007. Host twin of `Filter`: src/stages/shared/bilateral.rs.
 #define_import_path fathom::bilateral
 
+#import fathom::host::{BilateralUniforms}
 #import fathom::disc::{GOLDEN_ANGLE}
 #import fathom::uniforms::{frame, view_depth_m}
 #import fathom::screen::{texel_behind}
-
-struct Filter {
-    // Pixels of the viewport.
-    size_px: vec2<f32>,
-    // Texels of the buffer that is filtered.
-    source_px: vec2<f32>,
-    // Metres that a pixel of the viewport spans at 1 m.
-    pixel_tangent: f32,
-    taps: u32,
-    // Radius of the disc and standard deviation of its Gaussian, texels of the buffer that is filtered.
-    radius_px: f32,
-    sigma_px: f32,
-    // Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
-    depth_sigma: f32,
-    // Standard deviation of the distance between the unit normals of a tap and of the pixel; from NO_NORMALS on they are not read.
-    normal_sigma: f32,
-}
 
 const NO_NORMALS: f32 = 1000.0;
 // Weight below which the taps say nothing: the one nearest in depth is taken.
@@ -62,7 +46,7 @@ fn filtered(
     source: texture_2d<f32>,
     depth: texture_depth_2d,
     normals: texture_2d<f32>,
-    settings: Filter,
+    settings: BilateralUniforms,
     pixel: vec2<f32>,
 ) -> f32 {
     let here = vec2<i32>(pixel);

@@ -1,17 +1,9 @@
 // Photons from the light to the water, and what they carry into it: UW §3.3. Where they land: fathom::estimator.
 #define_import_path fathom::photon
 
+#import fathom::host::{Photon}
 #import fathom::uniforms::{frame}
 #import fathom::water
-
-struct Photon {
-    entry_m: vec3<f32>,
-    // One of those below; of a photon that lands the bits of the distance between where it lands and what the light sees there.
-    fate: u32,
-    hit_m: vec3<f32>,
-    // From entry to hit.
-    distance_m: f32,
-}
 
 // Fates of photons that do not land. Host twins: src/stages/shared/photon.rs.
 // It never enters the water.

@@ -9,32 +9,12 @@
 // that have entered glass: SPT §4. TEST 3 holds them against the depths of two layers, of one texel, and TEST 4 against all layers.
 #define_import_path fathom::screen_ray
 
+#import fathom::host::{Transfer, WalkUniforms}
 #import fathom::uniforms::{frame, world_at, view_depth_m}
 #import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
 #import fathom::surface_texel::{Surface}
-#import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}
-
-struct Walk {
-    // The scene's box, at which rays end.
-    low_m: vec3<f32>,
-    // SPT §5: 0.01.
-    tolerance_m: f32,
-    high_m: vec3<f32>,
-    // Nothing is hit nearer to the start than this.
-    start_m: f32,
-    // Pixels of the layers.
-    size_px: vec2<f32>,
-    layers: u32,
-    photons: u32,
-    // Fewest and most steps of a ray.
-    min_steps: u32,
-    max_steps: u32,
-    // Photons of a tile: rows of the target that lines are drawn into.
-    rows: u32,
-    // Most intersections of a ray that are kept.
-    max_hits: u32,
-}
+#import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, is_on_its_way}
 
 // The part of a ray that is walked.
 struct Segment {
@@ -64,16 +44,16 @@ const OWN_PLANE: f32 = 0.25;
 const SAME_PLANE: f32 = 0.99;
 const NOTHING: Segment = Segment(vec4<f32>(0.0), vec4<f32>(0.0), 0.0, 0.0, 0.0);
 
-fn place_px(walk: Walk, clip: vec4<f32>) -> vec2<f32> {
+fn place_px(walk: WalkUniforms, clip: vec4<f32>) -> vec2<f32> {
     return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * walk.size_px;
 }
 
-fn texel_at(walk: Walk, place_px: vec2<f32>) -> vec2<i32> {
+fn texel_at(walk: WalkUniforms, place_px: vec2<f32>) -> vec2<i32> {
     return vec2<i32>(clamp(floor(place_px), vec2(0.0), walk.size_px - 1.0));
 }
 
 // Distance at which a ray leaves the scene's box; 0 where it is outside and goes on.
-fn leaves_m(walk: Walk, ray: Transfer) -> f32 {
+fn leaves_m(walk: WalkUniforms, ray: Transfer) -> f32 {
     let still = abs(ray.direction) < vec3(1e-12);
     let bound = select(walk.low_m, walk.high_m, ray.direction > vec3(0.0));
     let exits = select((bound - ray.position_m) / ray.direction, vec3(NO_HIT), still);
@@ -94,7 +74,7 @@ fn cut(part: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
     return part;
 }
 
-fn segment(walk: Walk, ray: Transfer) -> Segment {
+fn segment(walk: WalkUniforms, ray: Transfer) -> Segment {
     let end_m = leaves_m(walk, ray);
     if !is_on_its_way(ray) || end_m <= walk.start_m {
         return NOTHING;
@@ -138,7 +118,7 @@ fn screen_at(seg: Segment, at_m: f32) -> f32 {
 }
 
 // A pixel's height at a depth: the second row of the projection holds cot(fov / 2) times a unit vector.
-fn footprint_at(walk: Walk, view_m: f32) -> f32 {
+fn footprint_at(walk: WalkUniforms, view_m: f32) -> f32 {
     let row = vec3(frame.camera_view_projection[0].y, frame.camera_view_projection[1].y, frame.camera_view_projection[2].y);
     return 2.0 * view_m / (length(row) * walk.size_px.y);
 }
@@ -172,7 +152,7 @@ struct PlaneInLayers {
 }
 
 fn find_plane(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_px: vec2<f32>, on_plane_m: vec3<f32>,
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_px: vec2<f32>, on_plane_m: vec3<f32>,
     normal: vec3<f32>, footprint_m: f32
 ) -> PlaneInLayers {
     let texel = texel_at(walk, place_px);
@@ -200,7 +180,7 @@ fn find_plane(
 // Whether the plane that a texel shows goes on to a place on it, some pixels away: the next pixel beyond the place shows it too, or where
 // it may be hidden there, the one on the other side.
 fn continues(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, texel: vec2<i32>, on_plane_m: vec3<f32>,
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, texel: vec2<i32>, on_plane_m: vec3<f32>,
     normal: vec3<f32>, footprint_m: f32
 ) -> bool {
     let middle = vec2<f32>(texel) + 0.5;
@@ -217,7 +197,7 @@ fn continues(
 
 #if TEST > 2
 // Whether a place is in glass.
-fn is_inside(walk: Walk, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m: f32) -> bool {
+fn is_inside(walk: WalkUniforms, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m: f32) -> bool {
 #if TEST == 3
     let pair = textureLoad(depths, texel, 0, 0).xy;
     return view_m >= view_depth_m(pair.x) && view_m <= view_depth_m(pair.y);
@@ -233,7 +213,7 @@ fn is_inside(walk: Walk, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m
 
 // The surface that step `number` hits.
 fn hit(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
 ) -> Hit {
     let middle = (number + 0.5) / seg.steps;
     let start_px = place_px(walk, seg.near);
@@ -321,7 +301,7 @@ fn hit(
 // The surface on which a ray has ended at a distance: of the steps that reach so far, the one that hits nearest to it. A pixel that
 // shows the place may show another surface there, beside a silhouette.
 fn surface_hit(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, at_m: f32
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, at_m: f32
 ) -> Surface {
     let seg = segment(walk, ray);
     let middle = floor(screen_at(seg, at_m) * seg.steps);
@@ -353,7 +333,7 @@ const LEAST_ANGLE: f32 = 1e-3;
 // show. On a curved surface the mean of their places is not the place, least where it is seen edge-on: the change of place and normal from
 // pixel to pixel leads on from there.
 fn smoothed(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
 ) -> vec3<f32> {
     if is_flat(surface) {
         return surface.shading_normal;

@@ -2,19 +2,10 @@
 // Host twin: src/stages/shared/screen_ray.rs.
 #define_import_path fathom::transfer
 
-#import fathom::photon::{Photon, MISSED, OUTSIDE}
+#import fathom::host::{Photon, Transfer}
+#import fathom::photon::{MISSED, OUTSIDE}
 
-// Where a photon leaves its last specular surface, and in which direction: a texel of SPT's transfer map.
-struct Transfer {
-    position_m: vec3<f32>,
-    // One of those below.
-    state: f32,
-    // Unit.
-    direction: vec3<f32>,
-    // Way under water that is behind it.
-    path_m: f32,
-}
-
+// States of a ray.
 // It never got here.
 const NEVER: f32 = 0.0;
 // On its first way: surfaces are hit from both sides.

@@ -20,7 +20,7 @@ const INFO: StageInfo =
     StageInfo { name: "audit/loops", about: "loops whose turns are counted", source: "" };
 
 shader_struct! {
-    /// `Work` in `shaders/audit/loops.wgsl`: turns of two loops.
+    /// Turns of two loops.
     struct LoopLengths {
         pub outer: u32,
         pub inner: u32,

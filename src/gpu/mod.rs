@@ -28,7 +28,9 @@ pub use fathom_clock::{
     StageScope, SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table,
     count,
 };
-pub use layout::{Binding, BindingKind, Member, StructLayout};
+#[doc(hidden)]
+pub use inventory;
+pub use layout::{Binding, BindingKind};
 pub use limits::Demand;
 pub use loops::{MAX_ITERATIONS, describe_loop_turns, measure_loop_turns};
 pub use pipelines::{CodeKey, MadePipelines};

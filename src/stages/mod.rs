@@ -137,6 +137,8 @@ mod tests {
     use std::fs;
     use std::path::{Path, PathBuf};
 
+    use fathom_base::embedded::{Folders, SHADERS};
+    use fathom_gpu::{link, shader_paths};
     use itertools::Itertools;
 
     fn entries(folder: &Path) -> Vec<PathBuf> {
@@ -145,6 +147,16 @@ mod tests {
 
     fn name(path: &Path) -> &str {
         path.file_stem().unwrap().to_str().unwrap()
+    }
+
+    #[test]
+    fn every_shader_links_and_validates_with_its_defaults() {
+        let folders = Folders::new(SHADERS);
+        let paths = shader_paths(&folders);
+        assert!(paths.contains(&"audit/loops".to_owned()), "{paths:?}");
+        for path in paths {
+            link(&folders, &path, &[]).unwrap_or_else(|error| panic!("{error}"));
+        }
     }
 
     #[test]

@@ -13,7 +13,6 @@ pub(super) const READ_BYTES: u64 = 16;
 const TOLERANCE: f64 = 1e-6;
 
 shader_struct! {
-    /// `Work` in `shaders/ceilings/compute.wgsl`.
     pub(super) struct KernelWork {
         pub turns: u32,
         /// Both 1, which the compiler cannot know.

@@ -23,13 +23,16 @@ const ATTRIBUTES: [wgpu::VertexAttribute; 3] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Uint32];
 
 shader_struct! {
-    /// `Material` in `shaders/shared/surface.wgsl`.
     pub struct MaterialUniforms {
         pub albedo: Vec3,
+        /// Side of a world-space tile with joints in the accent colour; 0: plain.
         pub tile_m: f32,
         pub accent: Vec3,
+        /// Opacity.
         pub alpha: f32,
+        /// Reflectance of the glossy lobe.
         pub specular: f32,
+        /// As `fathom::optics` reads it.
         pub optics: f32,
     }
 }

@@ -4,7 +4,7 @@ use fathom_gpu::MAX_ITERATIONS;
 use fathom_gpu::shader_struct;
 
 shader_struct! {
-    /// `Slice` in `shaders/shared/slice.wgsl`: the turns of one pass.
+    /// The turns of one pass.
     pub struct Slice {
         pub first: u32,
         /// Behind the last.
