@@ -2,6 +2,7 @@
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
 // ADDED 1: caustics are added as they are in their buffer, as a white surface next to the camera would show them. UW §3.3 counts no
 // attenuation to the viewer, which it finds "intrinsically handled via the point size regulation".
+#import fathom::host::{ComposeUniforms}
 #import fathom::uniforms::{focal_lengths, frame, view_depth_m, world_at}
 #import fathom::disc::{GOLDEN_ANGLE}
 #import fathom::math::{TAU}
@@ -10,22 +11,7 @@
 #import fathom::shading
 #import fathom::water
 
-struct Compose {
-    // Irradiance for a unit of the caustics buffer, 1/m² (paper intensity), or the side at 1 m of a square with
-    // the area of that buffer's pixel (conserving intensity).
-    caustics_scale: f32,
-    // Radiance for a unit of the godray buffer, 1/m², for lines across the sight at the distance of the camera's target.
-    godrays_scale: f32,
-    // Taps of the ambient occlusion; 0: none.
-    occlusion_taps: u32,
-    occlusion_radius_m: f32,
-    // Cells per side of the water grid.
-    water_cells: u32,
-    // Share of a pixel's view depth within which a texel of caustics or godrays lies on the pixel's surface.
-    depth_share: f32,
-}
-
-@group(1) @binding(4) var<storage, read> settings: Compose;
+@group(1) @binding(4) var<storage, read> settings: ComposeUniforms;
 @group(1) @binding(5) var caustics: texture_2d<f32>;
 @group(1) @binding(6) var godrays: texture_2d<f32>;
 @group(1) @binding(7) var reflection: texture_2d<f32>;
@@ -175,18 +161,18 @@ fn screen_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32
     return display(radiance + shafts(uv));
 }
 
-struct Surface {
+struct Varying {
     @builtin(position) clip: vec4<f32>,
     @location(0) position_m: vec3<f32>,
 }
 
 @vertex
-fn water_vertex(@builtin(vertex_index) index: u32) -> Surface {
+fn water_vertex(@builtin(vertex_index) index: u32) -> Varying {
     let p = water::grid_vertex(index, settings.water_cells);
     let clip = frame.camera_view_projection * vec4(p, 1.0);
     // Within the clip volume wherever it is before the camera: a camera just under the water sees all of the surface above it, whatever its
     // near plane.
-    return Surface(vec4(clip.xy, 0.0, clip.w), p);
+    return Varying(vec4(clip.xy, 0.0, clip.w), p);
 }
 
 // What the camera sees mirrored in the water.
@@ -221,7 +207,7 @@ fn refracted(uv: vec2<f32>, direction: vec3<f32>) -> vec3<f32> {
 }
 
 @fragment
-fn water_fragment(in: Surface) -> @location(0) vec4<f32> {
+fn water_fragment(in: Varying) -> @location(0) vec4<f32> {
     let view_m = (frame.camera_view_projection * vec4(in.position_m, 1.0)).w;
     if view_depth_m(textureLoad(depths, vec2<i32>(in.clip.xy), 0)) <= view_m {
         discard;

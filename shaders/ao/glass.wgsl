@@ -2,19 +2,14 @@
 //
 // Objects are drawn back to front, each first by the faces that point away from the camera (instance 0), then by those that face it (1).
 // Light is that of `ao/compose` without shadow and occlusion.
+#import fathom::host::{GlassUniforms, MaterialUniforms}
 #import fathom::uniforms::{frame}
 #import fathom::math::{PI}
 #import fathom::shading
-#import fathom::surface::{Material, SceneVertex, albedo}
+#import fathom::surface::{SceneVertex, albedo}
 
-struct Glass {
-    exposure: f32,
-    // Irradiance of the ambient light over that of the direct light.
-    ambient: f32,
-}
-
-@group(1) @binding(0) var<storage, read> materials: array<Material>;
-@group(1) @binding(1) var<uniform> settings: Glass;
+@group(1) @binding(0) var<storage, read> materials: array<MaterialUniforms>;
+@group(1) @binding(1) var<uniform> settings: GlassUniforms;
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,

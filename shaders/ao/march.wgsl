@@ -1,18 +1,14 @@
 // Volume ambient occlusion of what the camera sees: VAO §3 step 3, §5.1.
 // defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, SKIPPING=0, OPACITY=0, PEAK=0, JITTER=0, COUNT=0, COUNTERS=2, SLICED=0
+#import fathom::host::{TargetUniforms}
 #import fathom::uniforms::{world_at}
+#import fathom::marching
+#import fathom::screen
 #if COUNT == 1
 #import fathom::counters::{count}
 #endif
-#import fathom::marching
-#import fathom::screen
 
-struct Target {
-    // Pixels of the occlusion buffer.
-    size_px: vec2<f32>,
-}
-
-@group(2) @binding(0) var<uniform> settings: Target;
+@group(2) @binding(0) var<uniform> settings: TargetUniforms;
 @group(2) @binding(1) var depth: texture_depth_2d;
 @group(2) @binding(2) var normals: texture_2d<f32>;
 
@@ -20,7 +16,7 @@ struct Target {
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let view_px = vec2<f32>(textureDimensions(depth));
-    let texel = screen::texel_behind(pixel.xy, settings.size_px, view_px);
+    let texel = screen::texel_behind(pixel.xy, vec2<f32>(settings.size_px), view_px);
     let z = textureLoad(depth, texel, 0);
     if z >= 1.0 {
         discard;
@@ -28,7 +24,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let uv = (vec2<f32>(texel) + 0.5) / view_px;
     let normal = normalize(textureLoad(normals, texel, 0).xyz);
     let own = vec2<u32>(pixel.xy);
-    let index = own.y * u32(settings.size_px.x) + own.x;
+    let index = own.y * settings.size_px.x + own.x;
     let occluded = marching::occlusion(world_at(uv, z), normal, marching::seed_of(own.x + 65536u * own.y), index);
 #if COUNT == 1
     let slot = own.x & 63u;

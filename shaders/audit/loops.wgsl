@@ -1,15 +1,12 @@
 // Loops that count their iterations. No compiler finds a closed form of the sequence, so none can leave iterations out.
-struct Work {
-    outer: u32,
-    inner: u32,
-}
+#import fathom::host::{LoopLengths}
 
 struct Made {
     turns: u32,
     state: u32,
 }
 
-@group(0) @binding(0) var<uniform> work: Work;
+@group(0) @binding(0) var<uniform> work: LoopLengths;
 @group(0) @binding(1) var<storage, read_write> made: Made;
 
 // An iteration: the state depends on the one before. The host computes the same in src/gpu/loops.rs.

@@ -1,17 +1,11 @@
 // Multi-tap low-pass with a kernel rotated per pixel: UW §3.5. Taps on another surface than the pixel's do not count: UW has no such
 // test, and light then spreads over silhouettes.
+#import fathom::host::{GuidedUniforms}
 #import fathom::disc::{pixel_rotation, rotated_tap}
 #import fathom::uniforms::{view_depth_m}
 #import fathom::surface_plane::{beyond_plane_m, depth_texel, plane_at}
 
-struct Filter {
-    taps: u32,
-    radius_px: f32,
-    // Distance of a tap's surface from the pixel's plane along the view up to which it counts, over the pixel's view depth.
-    depth_share: f32,
-}
-
-@group(1) @binding(0) var<storage, read> settings: Filter;
+@group(1) @binding(0) var<storage, read> settings: GuidedUniforms;
 @group(1) @binding(1) var source: texture_2d<f32>;
 @group(1) @binding(2) var depth: texture_depth_2d;
 

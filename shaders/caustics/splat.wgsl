@@ -3,15 +3,15 @@
 // rasterizer as in the paper: `depth_vertex` and `depth_fragment` bring the depth, `vertex` and `fragment` draw.
 // SURFACE 0: a splat faces the camera and lies over all that is behind it, as in UW; 1: it lies in the plane of its photon's
 // surface, and pixels of other surfaces are left out.
+#import fathom::host::{Photon, SplatUniforms}
 #import fathom::dispatch
-#import fathom::photon::{Photon}
 #import fathom::screen
-#import fathom::splat::{Splat, square}
+#import fathom::splat::{square}
 #if SURFACE == 1
 #import fathom::splat::{in_surface}
 #endif
 
-@group(1) @binding(0) var<uniform> settings: Splat;
+@group(1) @binding(0) var<uniform> settings: SplatUniforms;
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var scene_depth: texture_depth_2d;
 // The lower 32 bits of each pixel's sum, then the upper ones of each.

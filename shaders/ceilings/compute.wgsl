@@ -1,17 +1,12 @@
 // defs: GROUP_SIZE=64, EDGE=64
 // Kernels that measure the adapter's limits in compute passes. Every invocation of a kernel writes the same whole number.
-struct Work {
-    turns: u32,
-    // Both 1, which the compiler cannot know.
-    factor: f32,
-    addend: f32,
-}
+#import fathom::host::{KernelWork}
 
-@group(0) @binding(0) var<uniform> work: Work;
+@group(0) @binding(0) var<uniform> work: KernelWork;
 @group(0) @binding(1) var<storage, read_write> results: array<atomic<u32>>;
-@group(0) @binding(2) var<storage, read> data: array<vec4<u32>>;
-@group(0) @binding(3) var image: texture_2d<f32>;
-@group(0) @binding(4) var volume: texture_3d<f32>;
+@group(1) @binding(0) var<storage, read> data: array<vec4<u32>>;
+@group(2) @binding(0) var image: texture_2d<f32>;
+@group(3) @binding(0) var volume: texture_3d<f32>;
 
 // A workgroup reads a piece of the buffer, neighbouring invocations neighbouring words, four of which add up to 1. Each iteration reads a
 // piece that is an eighth of the buffer or more away from those of the seven before, so that no cache smaller than that holds it. The

@@ -16,7 +16,7 @@ fn grid(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
 
 // One, in the format's own steps.
 @fragment
-fn one() -> @location(0) vec4<f32> {
+fn fragment() -> @location(0) vec4<f32> {
 #if UNORM == 1
     return vec4<f32>(1.0 / 255.0);
 #else

@@ -1,12 +1,8 @@
 // Multi-tap low-pass with a kernel rotated per pixel: UW §3.5.
+#import fathom::host::{FilterUniforms}
 #import fathom::disc::{low_pass}
 
-struct Filter {
-    taps: u32,
-    radius_px: f32,
-}
-
-@group(0) @binding(0) var<storage, read> settings: Filter;
+@group(0) @binding(0) var<storage, read> settings: FilterUniforms;
 @group(0) @binding(1) var source: texture_2d<f32>;
 
 @fragment

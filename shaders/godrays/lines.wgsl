@@ -1,27 +1,13 @@
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 // A wide line from water entry to hit for each photon, added up: UW §3.4.
+#import fathom::host::{LinesUniforms, Photon}
 #import fathom::uniforms::{frame}
 #import fathom::math::{PI}
-#import fathom::photon::{Photon, angular_weight, entered, has_landed}
+#import fathom::photon::{angular_weight, entered, has_landed}
 #import fathom::screen
 #import fathom::shading::{water_path_m}
 
-struct Lines {
-    // Pixels of the godray buffer.
-    size_px: vec2<f32>,
-    // Its sides in squares of a pixel's area: lines are as wide in all directions, whatever the shape of pixels.
-    square_px: vec2<f32>,
-    width_px: f32,
-    // Schlick's k: −1 backward … 1 forward scattering.
-    phase_k: f32,
-    // I_photon: flux of a photon, W.
-    photon_w: f32,
-    // Photons that one instance of the index pattern draws.
-    photons_per_instance: u32,
-    photons: u32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Lines;
+@group(1) @binding(0) var<uniform> settings: LinesUniforms;
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var scene_depth: texture_depth_2d;
 

@@ -6,6 +6,7 @@
 // line. Directions in it are angles θ from the one to the eye, dω = sin θ dθ dψ, and their cosine with the normal is
 // toward · cos θ + aside · sin θ. VAO Eq. 1 is A = 1/π ∫∫ ρ cos dω, cut at the horizon: what lies below is integrated in
 // closed form (part 1), what lies above is sampled with rays (part 2).
+#import fathom::host::{HorizonUniforms}
 #import fathom::uniforms::{frame, view_depth_m}
 #if COUNT == 1
 #import fathom::counters::{count}
@@ -15,23 +16,7 @@
 #import fathom::screen
 #import fathom::sphere::{PLASTIC, tangent_frame}
 
-struct March {
-    // Pixels of the occlusion buffer.
-    size_px: vec2<f32>,
-    r_max_m: f32,
-    // Difference of depth beyond which samples belong to another layer of surfaces.
-    layer_m: f32,
-    directions: u32,
-    // Samples of depth along each direction.
-    steps: u32,
-    // Above the horizon, shared among the directions.
-    rays: u32,
-    ray_steps: u32,
-    // Draws other numbers at every pixel; 0 leaves them as they are.
-    seed: u32,
-}
-
-@group(1) @binding(0) var<storage, read> settings: March;
+@group(1) @binding(0) var<storage, read> settings: HorizonUniforms;
 @group(1) @binding(1) var depth: texture_depth_2d;
 @group(1) @binding(2) var normals: texture_2d<f32>;
 #if COUNT == 1
@@ -279,7 +264,7 @@ fn occlusion(point: Point, seed: u32) -> f32 {
 // Visibility 1 − A; 1 where nothing was drawn.
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
-    let texel = screen::texel_behind(pixel.xy, settings.size_px, view_px());
+    let texel = screen::texel_behind(pixel.xy, vec2<f32>(settings.size_px), view_px());
     let z = textureLoad(depth, texel, 0);
     if z >= 1.0 {
         return vec4(1.0);

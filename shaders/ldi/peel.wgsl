@@ -3,11 +3,11 @@
 // Transparency, 2001, as SPT §2.2 uses it. The depths that the pass tests are the layer's: no shader writes them, so hardware may
 // reject fragments before they are shaded. A fragment's `position.z` is the depth that is tested and kept of it;
 // `verify` would find a layer twice where it were not.
+#import fathom::host::{MaterialUniforms}
 #import fathom::uniforms::{frame}
-#import fathom::surface::{Material}
 #import fathom::surface_texel::{packed}
 
-@group(1) @binding(0) var<storage, read> materials: array<Material>;
+@group(1) @binding(0) var<storage, read> materials: array<MaterialUniforms>;
 #if FIRST == 0
 @group(1) @binding(1) var before: texture_depth_2d;
 #endif

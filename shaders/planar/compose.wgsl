@@ -1,9 +1,10 @@
 // defs: MAP=0
 // The picture: what the camera sees, its pool lit by the illumination map, all of it by the sky. SPT §1.1, Fig. 2.
 // MAP 1: the illumination map of the floor in its place.
+#import fathom::host::{Pool}
 #import fathom::math::{PI}
 #import fathom::picture::{background, display, lambert, normal_at, seen_at, picture}
-#import fathom::pool::{NONE, Pool, face_at, face_uv}
+#import fathom::pool::{NONE, face_at, face_uv}
 #import fathom::shading::{WATER_TINT, ambient, direct, fog, water_path_m}
 
 @group(1) @binding(4) var<uniform> pool: Pool;

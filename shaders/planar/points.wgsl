@@ -1,18 +1,14 @@
 // defs: FRESNEL=0, WATER=0
 // Each photon meets the first inner face of the pool, and is a point of one texel in the illumination map: SPT §1.1, Fig. 2.
+#import fathom::host::{PointUniforms, Pool, Transfer}
 #import fathom::uniforms::{frame}
 #import fathom::photon::{angular_weight, transmittance}
-#import fathom::pool::{FACES, NONE, Pool, meet, face_uv, texel_area_m2}
+#import fathom::pool::{FACES, NONE, meet, face_uv, texel_area_m2}
 #import fathom::screen::{NOT_DRAWN}
 #import fathom::shading::{to_light}
-#import fathom::transfer::{NEVER, Transfer}
+#import fathom::transfer::{NEVER}
 
-struct Points {
-    // Flux of a photon in the middle of the light's frustum, W.
-    photon_w: f32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Points;
+@group(1) @binding(0) var<uniform> settings: PointUniforms;
 @group(1) @binding(1) var<uniform> pool: Pool;
 @group(1) @binding(2) var<storage, read> transfers: array<Transfer>;
 

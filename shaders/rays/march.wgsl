@@ -1,12 +1,12 @@
 // defs: TEST=1, WATER=0
 // An invocation for each photon walks its ray on the screen up to the first hit, or to the last that is kept: the single-shader form of
 // SPT §2.1.
+#import fathom::host::{Photon, Transfer, WalkUniforms}
 #import fathom::dispatch::{invocation_index}
-#import fathom::photon::{Photon}
-#import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
+#import fathom::screen_ray::{hit, segment}
+#import fathom::transfer::{ENDED, NO_HIT, landed}
 
-@group(1) @binding(0) var<uniform> walk: Walk;
+@group(1) @binding(0) var<uniform> walk: WalkUniforms;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;

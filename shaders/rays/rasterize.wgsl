@@ -1,11 +1,12 @@
 // defs: TEST=1, WATER=0
 // A line for each photon into its own row, as many pixels long as the ray on the screen; each fragment tests a step of the ray against all
 // layers: SPT §2.1.
+#import fathom::host::{Transfer, WalkUniforms}
 #import fathom::screen::{NOT_DRAWN}
-#import fathom::screen_ray::{Segment, Walk, hit, segment}
-#import fathom::transfer::{NO_HIT, Transfer}
+#import fathom::screen_ray::{Segment, hit, segment}
+#import fathom::transfer::{NO_HIT}
 
-@group(1) @binding(0) var<uniform> walk: Walk;
+@group(1) @binding(0) var<uniform> walk: WalkUniforms;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;

@@ -1,8 +1,8 @@
 // defs: LAST=0, WATER=0
 // The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left, or
 // several of a row that has not been halved: SPT Fig. 3.
-#import fathom::photon::{Photon}
-#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
+#import fathom::host::{Photon, TileUniforms, Transfer}
+#import fathom::transfer::{ENDED, NO_HIT, landed}
 
 @group(0) @binding(0) var hits: texture_2d<f32>;
 #if LAST == 0
@@ -21,15 +21,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     textureStore(halved, vec2<i32>(id.xy), vec4(first));
 }
 #else
-struct Tile {
-    // The photon of row 0.
-    first: u32,
-    photons: u32,
-    // Most intersections of a ray that are kept.
-    max_hits: u32,
-}
-
-@group(0) @binding(1) var<uniform> tile: Tile;
+@group(0) @binding(1) var<uniform> tile: TileUniforms;
 @group(0) @binding(2) var<storage, read> transfers: array<Transfer>;
 @group(0) @binding(3) var<storage, read_write> photons: array<Photon>;
 

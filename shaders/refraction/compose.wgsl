@@ -2,17 +2,17 @@
 // The picture: what the camera sees, through glass by its exit rays. SPT §4: these "can either be used to look up an environment map or to
 // retrace the refracted view-rays. If a layered depth image of the surrounding scene exists, intersections between the exiting ray and the
 // scene can be detected as well". That of one layer is the G-buffer: a ray that meets what the camera does not see shows the environment.
+#import fathom::host::{Transfer, WalkUniforms}
 #import fathom::uniforms::{frame}
 #import fathom::picture::{depths, display, lambert, normal_at, seen_at}
-#import fathom::screen_ray::{Walk, distance_at, to_pixel, segment}
+#import fathom::screen_ray::{distance_at, to_pixel, segment}
 #import fathom::shading::{SKY_SHARE, to_light}
-#import fathom::shading
 #import fathom::surface_plane::{plane_at}
-#import fathom::transfer::{FIRST, NO_HIT, Transfer}
+#import fathom::transfer::{FIRST, NO_HIT}
 
 @group(1) @binding(4) var positions: texture_2d<f32>;
 @group(1) @binding(5) var directions: texture_2d<f32>;
-@group(1) @binding(6) var<uniform> walk: Walk;
+@group(1) @binding(6) var<uniform> walk: WalkUniforms;
 
 // A step of a ray reaches this far beyond its pixel, in pixels.
 const OVERLAP: f32 = 0.5;

@@ -2,27 +2,17 @@
 // The picture with the water's surface: lines of sight are refracted and reflected there, and followed in screen space through what the
 // camera sees without the water: SPT §4, Fig. 10 and 13. "This is an approximation that can only simulate the refraction of light from
 // underwater objects that are visible to the viewer in the absence of the water surface."
+#import fathom::host::{SurfaceUniforms, Transfer, WalkUniforms}
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{texel_of}
 #import fathom::photon::{MIN_COMPONENT, Ray, above_water, entry_between, nearest_of_step}
-#import fathom::screen_ray::{Walk, hit, segment}
+#import fathom::screen_ray::{hit, segment}
 #import fathom::shading::{display, fog, fresnel, shafts, sky, water_path_m}
-#import fathom::transfer::{FIRST, NO_HIT, Transfer}
+#import fathom::transfer::{FIRST, NO_HIT}
 #import fathom::water
 
-struct Surface {
-    size_px: vec2<f32>,
-    exposure: f32,
-    // Radiance of a shaft for each W in its pixel, 1/(m² sr).
-    shaft_scale: f32,
-    // Largest slope of the water's surface.
-    steepest: f32,
-    // Most steps of a line of sight towards it.
-    searches: u32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Surface;
-@group(1) @binding(1) var<uniform> walk: Walk;
+@group(1) @binding(0) var<uniform> settings: SurfaceUniforms;
+@group(1) @binding(1) var<uniform> walk: WalkUniforms;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 @group(1) @binding(4) var scene_depth: texture_depth_2d;

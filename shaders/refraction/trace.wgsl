@@ -5,25 +5,18 @@
 // layers are planes, each by itself, and of those that it passes it takes the nearest, since solids that are not convex are not met in the
 // order of the layers. It is exact but where a ray leaves through a face that no pixel's middle shows, or where faces meet whose texels show
 // others: with solids 30 pixels wide up to 1 % of the exits, none of index 1.
+#import fathom::host::{ExitUniforms, Photon, Transfer, WalkUniforms}
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
-#import fathom::photon::{Photon, has_landed}
+#import fathom::photon::{has_landed}
 #import fathom::refraction::{Exit, NO_EXIT}
-#import fathom::screen_ray::{Segment, Walk, distance_at, to_pixel, segment, smoothed, texel_at}
+#import fathom::screen_ray::{Segment, distance_at, to_pixel, segment, smoothed, texel_at}
 #import fathom::surface_texel::{Surface}
-#import fathom::transfer::{FIRST, NO_HIT, Transfer}
+#import fathom::transfer::{FIRST, NO_HIT}
 
-struct Trace {
-    // Surfaces that refract a ray.
-    refractions: u32,
-    // ENDS 1: the rectangle of pixels that have lines.
-    first: vec2<u32>,
-    count: vec2<u32>,
-}
-
-@group(1) @binding(0) var<uniform> walk: Walk;
-@group(1) @binding(1) var<uniform> settings: Trace;
+@group(1) @binding(0) var<uniform> walk: WalkUniforms;
+@group(1) @binding(1) var<uniform> settings: ExitUniforms;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 #if ENDS == 1

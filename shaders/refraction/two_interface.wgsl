@@ -2,13 +2,14 @@
 // Refraction through two interfaces, approximated: Wyman, An Approximate Image-Space Approach for Interactive Refraction, 2005, as SPT
 // §1.1 describes it. SIDE 0 draws the farthest surface, SIDE 1 the nearest. The length of a pixel's path through the object is a mean of two
 // distances: along the line of sight, and along the normal, which is stored for each vertex.
+#import fathom::host::{MaterialUniforms}
 #import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::optics
 #import fathom::refraction::{Exit}
 #import fathom::screen::{to_pixels}
-#import fathom::surface::{Material, SceneVertex}
+#import fathom::surface::{SceneVertex}
 
-@group(1) @binding(0) var<storage, read> materials: array<Material>;
+@group(1) @binding(0) var<storage, read> materials: array<MaterialUniforms>;
 #if SIDE == 1
 @group(1) @binding(1) var back_depths: texture_depth_2d;
 @group(1) @binding(2) var back_normals: texture_2d<f32>;

@@ -8,7 +8,7 @@
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
 #import fathom::sphere::{shift_of, shifted_point, cosine_direction, tangent_frame}
 
-struct Targets {
+struct IsosurfaceTargets {
     @location(0) image: vec4<f32>,
     // Visibility, 1 where there is a surface, its distance, look-ups.
     @location(1) result: vec4<f32>,
@@ -119,16 +119,16 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
 }
 
 @fragment
-fn fragment(@builtin(position) pixel: vec4<f32>) -> Targets {
+fn fragment(@builtin(position) pixel: vec4<f32>) -> IsosurfaceTargets {
     let ray = view_ray(pixel.xy);
     let d = first_crossing(ray);
     if d < 0.0 {
         let image = display(background(ray.direction));
-        return Targets(image, vec4(1.0, 0.0, 0.0, f32(look_ups)), vec4(0.0));
+        return IsosurfaceTargets(image, vec4(1.0, 0.0, 0.0, f32(look_ups)), vec4(0.0));
     }
     let p = along(ray, d);
     let normal = outward(p, -ray.direction);
     let visibility = 1.0 - occlusion(p, normal, seed_of(pixel.xy));
     let image = display(lit(windowed(march.iso), p, normal, visibility));
-    return Targets(image, vec4(visibility, 1.0, d, f32(look_ups)), vec4(normal, 1.0));
+    return IsosurfaceTargets(image, vec4(visibility, 1.0, d, f32(look_ups)), vec4(normal, 1.0));
 }

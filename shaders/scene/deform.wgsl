@@ -2,25 +2,12 @@
 // defs: MOTION=0
 //
 // Motions: 0 spin, 1 twist, 2 wave.
+#import fathom::host::{DeformUniforms, PivotUniforms}
 #import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::math::{TAU}
 
-struct Deform {
-    vertices: u32,
-    // Cycles since time 0, their whole part left out.
-    cycles: f32,
-    // Share of an object's height, or turns.
-    amplitude: f32,
-}
-
-struct Pivot {
-    // Middle of the object's foot.
-    foot_m: vec3<f32>,
-    height_m: f32,
-}
-
-@group(0) @binding(0) var<uniform> deform: Deform;
-@group(0) @binding(1) var<storage, read> pivots: array<Pivot>;
+@group(0) @binding(0) var<uniform> deform: DeformUniforms;
+@group(0) @binding(1) var<storage, read> pivots: array<PivotUniforms>;
 // Seven words a vertex: position, normal, object.
 @group(0) @binding(2) var<storage, read> rest: array<u32>;
 @group(0) @binding(3) var<storage, read_write> vertices: array<u32>;

@@ -1,7 +1,8 @@
 // defs: WATER=0
 // The picture: what the camera sees, lit where its ray to the light meets nothing, and by the sky.
+#import fathom::host::{Photon}
 #import fathom::uniforms::{frame}
-#import fathom::photon::{MISSED, Photon, has_landed}
+#import fathom::photon::{MISSED, has_landed}
 #import fathom::picture::{display, lambert, normal_at, seen_at, picture}
 #import fathom::shading::{SKY_SHARE, sky, to_light}
 

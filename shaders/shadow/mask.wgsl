@@ -1,13 +1,10 @@
 // Water surface as the light sees it first, UW §3 step 2b: photons that land elsewhere never enter the water.
 // defs: WATER=0
+#import fathom::host::{MaskUniforms}
 #import fathom::uniforms::{frame}
 #import fathom::water
 
-struct Mask {
-    cells: u32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Mask;
+@group(1) @binding(0) var<uniform> settings: MaskUniforms;
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {

@@ -1,15 +1,7 @@
 // A Gaussian of constant width on the screen, rows first and then columns: SPT §3.2.
+#import fathom::host::{ShaftBlurUniforms}
 
-struct Blur {
-    // (1, 0) along rows, (0, 1) along columns.
-    along: vec2<i32>,
-    // Texels to either side.
-    reach: i32,
-    // −1 / (2 σ²), 1/px².
-    falloff: f32,
-}
-
-@group(0) @binding(0) var<storage, read> settings: Blur;
+@group(0) @binding(0) var<storage, read> settings: ShaftBlurUniforms;
 @group(0) @binding(1) var source: texture_2d<f32>;
 
 @fragment

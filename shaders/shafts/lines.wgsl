@@ -1,17 +1,12 @@
 // defs: WATER=0
 // A line from start to hit for each photon, attenuated along the path to each point and from there to the viewer, added up: SPT §3.2.
+#import fathom::host::{Photon, ShaftUniforms}
 #import fathom::uniforms::{frame}
-#import fathom::photon::{Photon, has_landed}
+#import fathom::photon::{has_landed}
 #import fathom::screen::{NOT_DRAWN}
 #import fathom::shading::{water_path_m}
 
-struct Shafts {
-    // Flux of a photon, W.
-    photon_w: f32,
-    photons: u32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Shafts;
+@group(1) @binding(0) var<uniform> settings: ShaftUniforms;
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var scene_depth: texture_depth_2d;
 // Of each photon, as `transfer/map` gives them.

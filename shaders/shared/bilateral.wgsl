@@ -2,27 +2,11 @@
 // Upsampling, 2007. Host twin of `Filter`: src/stages/shared/bilateral.rs.
 #define_import_path fathom::bilateral
 
+#import fathom::host::{BilateralUniforms}
 #import fathom::disc::{GOLDEN_ANGLE}
 #import fathom::uniforms::{frame, view_depth_m}
 #import fathom::screen::{texel_behind}
 #import fathom::surface_plane::{beyond_plane_m, plane_at}
-
-struct Filter {
-    // Pixels of the viewport.
-    size_px: vec2<f32>,
-    // Texels of the buffer that is filtered.
-    source_px: vec2<f32>,
-    // Metres that a pixel of the viewport spans at 1 m.
-    pixel_tangent: f32,
-    taps: u32,
-    // Radius of the disc and standard deviation of its Gaussian, texels of the buffer that is filtered.
-    radius_px: f32,
-    sigma_px: f32,
-    // Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
-    depth_sigma: f32,
-    // Standard deviation of the distance between the unit normals of a tap and of the pixel; from NO_NORMALS on they are not read.
-    normal_sigma: f32,
-}
 
 const NO_NORMALS: f32 = 1000.0;
 // Below this sum of weights the tap nearest in depth is taken.
@@ -32,7 +16,7 @@ const TOO_FAR_M: f32 = 1e30;
 // Where no tap shows a surface, texels so far to each side are searched at most.
 const MAX_REACH_PX: f32 = 8.0;
 
-@group(1) @binding(0) var<storage, read> settings: Filter;
+@group(1) @binding(0) var<storage, read> settings: BilateralUniforms;
 @group(1) @binding(1) var source: texture_2d<f32>;
 @group(1) @binding(2) var depth: texture_depth_2d;
 @group(1) @binding(3) var normals: texture_2d<f32>;

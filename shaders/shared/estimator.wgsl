@@ -1,41 +1,14 @@
 // Where photons under water land: the refracted ray against the light's depth map, UW §3.3.
 #define_import_path fathom::estimator
 
+#import fathom::host::{Photon, TraceUniforms}
 #import fathom::clip::{cut, cut_to_sides}
 #import fathom::math::{perspective_divide}
 #import fathom::uniforms::{frame}
-#import fathom::photon::{MISSED, OUTSIDE, Photon, in_mask, landed_fate, meet_water, photon_ray}
+#import fathom::photon::{MISSED, OUTSIDE, in_mask, landed_fate, meet_water, photon_ray}
 #import fathom::random::{pcg}
 #import fathom::screen::{to_pixels}
 #import fathom::water
-
-struct Trace {
-    // Cells per side of the grid.
-    grid: u32,
-    // Photons per side of a cell, where the loop bound is a run-time value.
-    side: u32,
-    // PAPER, or another for the first crossing.
-    estimator: u32,
-    iterations: u32,
-    // 1: photons are tested against the water mask.
-    masked: u32,
-    // Place of a photon within its share of the cell, 0…1; the middle is 0.5.
-    offset: vec2<f32>,
-    // The paper's first estimate d0 of the distance from the surface.
-    start_m: f32,
-    // Residual up to which a photon counts as converged; only the host asks.
-    tolerance_m: f32,
-    // Share of its part of the cell in which a photon is strewn; 0: the grid is regular.
-    jitter: f32,
-    // Longest step of the search for the first crossing, in texels of the light's depth.
-    step_px: f32,
-    // Height below which there is nothing.
-    bottom_m: f32,
-    // Places looked up for a photon, about; only the host asks.
-    lookups: u32,
-    // Most turns of loops of a search: more than MIN_REFINED crossings take.
-    search_turns: u32,
-}
 
 // Host twin: PhotonEstimator in src/stages/shared/photon.rs.
 const PAPER: u32 = 1u;
@@ -52,7 +25,7 @@ fn inside_frustum(ndc: vec2<f32>) -> bool {
 }
 
 // Step of device depth from texel to texel that is an edge: more than on a level floor, whose depth changes in slanted light.
-fn edge_step(settings: Trace, depth: texture_depth_2d) -> f32 {
+fn edge_step(settings: TraceUniforms, depth: texture_depth_2d) -> f32 {
     let m = frame.light_inverse;
     // A level plane in the light's canonical screen space: the coefficients of x, y and z.
     let plane = vec3(m[0].y, m[1].y, m[2].y) - settings.bottom_m * vec3(m[0].w, m[1].w, m[2].w);
@@ -86,7 +59,7 @@ fn unproject(ndc: vec3<f32>) -> vec3<f32> {
 
 // The photon at a place of the grid, −1 … 1 along each side.
 fn trace(
-    settings: Trace, depth: texture_depth_2d, texels: sampler, mask: texture_2d<f32>, ndc: vec2<f32>
+    settings: TraceUniforms, depth: texture_depth_2d, texels: sampler, mask: texture_2d<f32>, ndc: vec2<f32>
 ) -> Photon {
     let ray = photon_ray(ndc);
     let met = meet_water(ray);
@@ -100,7 +73,7 @@ fn trace(
 
 // From the water's surface along the refracted direction.
 fn follow(
-    settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
+    settings: TraceUniforms, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
 ) -> Photon {
     if settings.estimator == PAPER {
         return fixed_point(settings, depth, texels, entry, refracted);
@@ -111,7 +84,7 @@ fn follow(
 // The iteration of Shah and Konttinen (UW reference [7]). An estimate beyond the light's frustum looks up what is seen at its border:
 // only where the photon lands decides whether it is outside.
 fn fixed_point(
-    settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
+    settings: TraceUniforms, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
 ) -> Photon {
     let edge = edge_step(settings, depth);
     var d = settings.start_m;
@@ -157,7 +130,7 @@ struct PathPoint {
 // Smallest fall of a ray per metre: a shallower one is followed to where this one would end.
 const MIN_FALL: f32 = 1e-3;
 
-fn path_of(settings: Trace, entry: vec3<f32>, direction: vec3<f32>, edge: f32) -> Path {
+fn path_of(settings: TraceUniforms, entry: vec3<f32>, direction: vec3<f32>, edge: f32) -> Path {
     let reach_m = max(entry.y - settings.bottom_m, 0.0) / max(-direction.y, MIN_FALL);
     let a = frame.light_view_projection * vec4(entry, 1.0);
     let b = frame.light_view_projection * vec4(entry + reach_m * direction, 1.0);
@@ -192,7 +165,7 @@ fn landed(path: Path, point: PathPoint) -> Photon {
 // The crossing between a place before and one behind what the light sees: regula falsi, of which the end that stays is halved
 // (Illinois; Dowell and Jarratt 1971). Its order is 1.44, and the first step is exact on planes.
 fn crossing(
-    settings: Trace, path: Path, depth: texture_depth_2d, texels: sampler, before: PathPoint, behind: PathPoint
+    settings: TraceUniforms, path: Path, depth: texture_depth_2d, texels: sampler, before: PathPoint, behind: PathPoint
 ) -> PathPoint {
     var low = before;
     var high = behind;
@@ -226,7 +199,7 @@ fn crossing(
 // sight, at the extension of the last surface that the ray passed over. A ray that goes behind an edge from where the light sees nothing lands
 // nowhere. Surfaces narrower than a step can be missed.
 fn first_crossing(
-    settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
+    settings: TraceUniforms, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
 ) -> Photon {
     let path = path_of(settings, entry, refracted, edge_step(settings, depth));
     if path.distance_m.y <= path.distance_m.x {
@@ -276,7 +249,7 @@ fn random_pair(photon: vec2<u32>) -> vec2<f32> {
 }
 
 // Place in the grid, −1 … 1 along each side, of sub-photon `sub` of cell `cell`.
-fn photon_ndc(settings: Trace, cell: vec2<u32>, sub: vec2<u32>, side: u32) -> vec2<f32> {
+fn photon_ndc(settings: TraceUniforms, cell: vec2<u32>, sub: vec2<u32>, side: u32) -> vec2<f32> {
     let photon = cell * side + sub;
     var share = settings.offset;
     if settings.jitter > 0.0 {

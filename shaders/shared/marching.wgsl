@@ -14,28 +14,13 @@
 //   SLICED    1: a pass marches a slice of the rays, as more would exceed the iterations that adapters allow an invocation
 #define_import_path fathom::marching
 
+#import fathom::host::{GridUniforms, MarchUniforms, Slice}
 #import fathom::random::{GOLDEN, pcg, unit}
-#import fathom::slice::{Slice}
 #import fathom::sphere::{cosine_direction, hemisphere_direction, tangent_frame}
-#import fathom::voxels::{Grid, to_cells}
+#import fathom::voxels::{to_cells}
 
-struct March {
-    r_max: f32,
-    step: f32,
-    // First sample, or its distance from the surface's plane.
-    guard: f32,
-    // From the surface along its normal to where rays begin.
-    offset: f32,
-    // Look-ups of the volume are moved by this along each of its axes.
-    shift: f32,
-    // Above 1 no sample ends a ray.
-    threshold: f32,
-    rays: u32,
-    seed: u32,
-}
-
-@group(1) @binding(0) var<uniform> march: March;
-@group(1) @binding(1) var<uniform> grid: Grid;
+@group(1) @binding(0) var<uniform> march: MarchUniforms;
+@group(1) @binding(1) var<uniform> grid: GridUniforms;
 @group(1) @binding(2) var volume: texture_3d<f32>;
 @group(1) @binding(3) var trilinear: sampler;
 #if SLICED == 1

@@ -4,10 +4,10 @@
 // steps along the view ray. SPHERE 1: positional ambient occlusion (Eq. 8); 0: over the hemisphere down the gradient (Eq. 3).
 #define_import_path fathom::media
 
+#import fathom::host::{Slice}
 #import fathom::obscurance::{obscurance}
 #import fathom::ray_cast::{march, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
 #import fathom::scalar_field::{field, value, outward, look_ups}
-#import fathom::slice::{Slice}
 #import fathom::sphere::{shift_of, shifted_point, cosine_direction, sphere_direction, tangent_frame}
 
 #if SLICED == 1
@@ -24,7 +24,7 @@ struct State {
 @group(1) @binding(5) var<storage, read_write> states: array<State>;
 #endif
 
-struct Targets {
+struct MediaTargets {
     @location(0) image: vec4<f32>,
     // Visibility and distance, weighted by contribution; opacity; look-ups.
     @location(1) result: vec4<f32>,
@@ -71,7 +71,7 @@ fn scattered(v: f32, position_m: vec3<f32>, normal: vec3<f32>, visibility: f32) 
 }
 
 // Front-to-back compositing along a pixel's view ray, in equal steps of at most view_step_m, each sampled in its middle.
-fn composite(pixel: vec2<f32>) -> Targets {
+fn composite(pixel: vec2<f32>) -> MediaTargets {
     let ray = view_ray(pixel);
     let whole = max(ray.far_m - ray.near_m, 0.0);
     let steps = u32(ceil(whole / march.view_step_m));
@@ -84,7 +84,7 @@ fn composite(pixel: vec2<f32>) -> Targets {
     var first = 0u;
     var end = steps;
 #if SLICED == 1
-    let index = u32(pixel.y) * u32(march.size_px.x) + u32(pixel.x);
+    let index = u32(pixel.y) * march.size_px.x + u32(pixel.x);
     if slice.first > 0u {
         let before = states[index];
         radiance = before.radiance;
@@ -121,7 +121,7 @@ fn composite(pixel: vec2<f32>) -> Targets {
     let opacity = 1.0 - through;
     let image = display(radiance + through * background(ray.direction));
     if opacity <= 0.0 {
-        return Targets(image, vec4(1.0, 0.0, 0.0, f32(look_ups)));
+        return MediaTargets(image, vec4(1.0, 0.0, 0.0, f32(look_ups)));
     }
-    return Targets(image, vec4(visible / opacity, opacity, far / opacity, f32(look_ups)));
+    return MediaTargets(image, vec4(visible / opacity, opacity, far / opacity, f32(look_ups)));
 }

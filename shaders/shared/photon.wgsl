@@ -1,20 +1,12 @@
 // Photons from the light to the water, and what they carry into it: UW §3.3. Where they land: fathom::estimator.
 #define_import_path fathom::photon
 
+#import fathom::host::{Photon}
 #import fathom::math::{perspective_divide}
 #import fathom::screen::{to_pixels}
 #import fathom::shading::{to_light}
 #import fathom::uniforms::{frame}
 #import fathom::water
-
-struct Photon {
-    entry_m: vec3<f32>,
-    // A tag, one of those below, or of a photon that has landed `landed_fate`.
-    fate: u32,
-    hit_m: vec3<f32>,
-    // From entry to hit.
-    distance_m: f32,
-}
 
 // Fates of photons that have not landed: the upper bit tells them from a residual. The host reads them in src/stages/shared/photon.rs.
 // It never enters the water.

@@ -1,18 +1,12 @@
 // What stages that compose a picture share: the G-buffer, and what a radiance is shown as. Host twin: src/stages/shared/picture.rs.
 #define_import_path fathom::picture
 
+#import fathom::host::{PictureUniforms}
 #import fathom::uniforms::{frame, world_at}
 #import fathom::shading::{fog, sky}
 #import fathom::shading
 
-struct Picture {
-    size_px: vec2<f32>,
-    exposure: f32,
-    // What a unit of the stage's own light comes to: see the stage.
-    scale: f32,
-}
-
-@group(1) @binding(0) var<uniform> picture: Picture;
+@group(1) @binding(0) var<uniform> picture: PictureUniforms;
 @group(1) @binding(1) var albedo_texels: texture_2d<f32>;
 @group(1) @binding(2) var normal_texels: texture_2d<f32>;
 @group(1) @binding(3) var depths: texture_depth_2d;

@@ -3,16 +3,8 @@
 // at −z, row 0 of a wall at its upper border. Host twin: src/stages/shared/pool.rs.
 #define_import_path fathom::pool
 
+#import fathom::host::{Pool}
 #import fathom::uniforms::{frame}
-
-struct Pool {
-    // Depth of the floor under the resting water, metres.
-    floor_depth_m: f32,
-    // Height of the walls' upper border above the resting water, metres.
-    top_m: f32,
-    // Texels per side of a face.
-    texels: u32,
-}
 
 const FACES: u32 = 5u;
 // No face.

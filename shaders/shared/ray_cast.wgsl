@@ -1,40 +1,14 @@
 // What the stages that cast view rays through a scalar field share: settings, rays, look. Host twin: src/stages/shared/ray_cast.rs.
 #define_import_path fathom::ray_cast
 
+#import fathom::host::{CastUniforms}
 #import fathom::uniforms::{frame}
 #import fathom::math::{perspective_divide}
 #import fathom::random::{pcg}
 #import fathom::scalar_field::{through_box}
 #import fathom::shading::{to_light}
 
-struct March {
-    size_px: vec2<f32>,
-    // Values at which opacity begins and is full.
-    window: vec2<f32>,
-    low_color: vec3<f32>,
-    // Share of the light that comes evenly from all sides.
-    ambient: f32,
-    high_color: vec3<f32>,
-    // Step along view rays.
-    view_step_m: f32,
-    iso: f32,
-    tolerance: f32,
-    // V_thres: of the value on isosurfaces, of the windowed value in media.
-    threshold: f32,
-    rays: u32,
-    samples: u32,
-    r_max_m: f32,
-    // r_max / N_samples.
-    stratum_m: f32,
-    // Level of the average pyramid whose cells are as long as a stratum.
-    level: f32,
-    // Of one voxel at the window's end.
-    opacity: f32,
-    // σ at the window's end, 1/m.
-    density_per_m: f32,
-}
-
-@group(1) @binding(3) var<uniform> march: March;
+@group(1) @binding(3) var<uniform> march: CastUniforms;
 
 // Transmittance below which nothing more shows in 8 bits: rays end there. A and the opacity of a view ray are less than those of whole rays
 // by at most this.
@@ -58,7 +32,8 @@ fn unproject(clip: vec3<f32>) -> vec3<f32> {
 
 // The camera's ray through a pixel, cut to the box.
 fn view_ray(pixel: vec2<f32>) -> Ray {
-    let clip = vec2(pixel.x / march.size_px.x * 2.0 - 1.0, 1.0 - pixel.y / march.size_px.y * 2.0);
+    let uv = pixel.xy / vec2<f32>(march.size_px);
+    let clip = vec2(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0);
     let origin = frame.camera_position_m;
     let first = unproject(vec3(clip, 0.0)) - origin;
     let last = unproject(vec3(clip, 1.0)) - origin;

@@ -1,18 +1,9 @@
 // A scalar field in a box of the world. Host twin: src/stages/shared/scalar_field.rs.
 #define_import_path fathom::scalar_field
 
-struct Field {
-    origin_m: vec3<f32>,
-    // v_s: edge of the cube that has a cell's volume.
-    voxel_m: f32,
-    size_m: vec3<f32>,
-    // Half a cell's diagonal, h of VAO Eq. 2.
-    guard_m: f32,
-    // Edges of a cell.
-    spacing_m: vec3<f32>,
-}
+#import fathom::host::{FieldUniforms}
 
-@group(1) @binding(0) var<uniform> field: Field;
+@group(1) @binding(0) var<uniform> field: FieldUniforms;
 // Values 0…1; levels above the first are averages.
 @group(1) @binding(1) var volume: texture_3d<f32>;
 @group(1) @binding(2) var linear_sampler: sampler;

@@ -9,34 +9,14 @@
 // that have entered glass: SPT §4. TEST 3 compares them with the depths of two layers, in one texel, and TEST 4 with those of all layers.
 #define_import_path fathom::screen_ray
 
+#import fathom::host::{Transfer, WalkUniforms}
 #import fathom::clip::{cut, cut_to_sides}
 #import fathom::screen::{to_pixels}
 #import fathom::uniforms::{focal_lengths, frame, view_depth_m, world_at}
 #import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
 #import fathom::surface_texel::{Surface}
-#import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_travelling}
-
-struct Walk {
-    // The scene's box, at which rays end.
-    low_m: vec3<f32>,
-    // SPT §5: 0.01.
-    tolerance_m: f32,
-    high_m: vec3<f32>,
-    // Nothing is hit nearer to the start than this.
-    start_m: f32,
-    // Pixels of the layers.
-    size_px: vec2<f32>,
-    layers: u32,
-    photons: u32,
-    // Fewest and most steps of a ray.
-    min_steps: u32,
-    max_steps: u32,
-    // Photons of a tile: rows of the target that lines are drawn into.
-    rows: u32,
-    // Most intersections of a ray that are kept.
-    max_hits: u32,
-}
+#import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, is_travelling}
 
 // The part of a ray that is walked.
 struct Segment {
@@ -66,23 +46,23 @@ const OWN_PLANE: f32 = 0.25;
 const SAME_PLANE: f32 = 0.99;
 const NOTHING: Segment = Segment(vec4<f32>(0.0), vec4<f32>(0.0), 0.0, 0.0, 0.0);
 
-fn to_pixel(walk: Walk, clip: vec4<f32>) -> vec2<f32> {
+fn to_pixel(walk: WalkUniforms, clip: vec4<f32>) -> vec2<f32> {
     return to_pixels(clip.xy / clip.w, walk.size_px);
 }
 
-fn texel_at(walk: Walk, pixel: vec2<f32>) -> vec2<i32> {
+fn texel_at(walk: WalkUniforms, pixel: vec2<f32>) -> vec2<i32> {
     return vec2<i32>(clamp(floor(pixel), vec2(0.0), walk.size_px - 1.0));
 }
 
 // Distance at which a ray leaves the scene's box; 0 where it is outside and goes on.
-fn leaves_m(walk: Walk, ray: Transfer) -> f32 {
+fn leaves_m(walk: WalkUniforms, ray: Transfer) -> f32 {
     let still = abs(ray.direction) < vec3(1e-12);
     let bound = select(walk.low_m, walk.high_m, ray.direction > vec3(0.0));
     let exits = select((bound - ray.position_m) / ray.direction, vec3(NO_HIT), still);
     return max(min(exits.x, min(exits.y, exits.z)), 0.0);
 }
 
-fn segment(walk: Walk, ray: Transfer) -> Segment {
+fn segment(walk: WalkUniforms, ray: Transfer) -> Segment {
     let end_m = leaves_m(walk, ray);
     if !is_travelling(ray) || end_m <= walk.start_m {
         return NOTHING;
@@ -120,7 +100,7 @@ fn screen_at(seg: Segment, at_m: f32) -> f32 {
 }
 
 // A pixel's height at a depth.
-fn footprint_at(walk: Walk, view_m: f32) -> f32 {
+fn footprint_at(walk: WalkUniforms, view_m: f32) -> f32 {
     return 2.0 * view_m / (focal_lengths().y * walk.size_px.y);
 }
 
@@ -153,7 +133,7 @@ struct PlaneInLayers {
 }
 
 fn find_plane(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, pixel: vec2<f32>, on_plane_m: vec3<f32>,
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, pixel: vec2<f32>, on_plane_m: vec3<f32>,
     normal: vec3<f32>, footprint_m: f32
 ) -> PlaneInLayers {
     let texel = texel_at(walk, pixel);
@@ -181,7 +161,7 @@ fn find_plane(
 // Whether the plane that a texel shows goes on to a place on it, some pixels away: the next pixel beyond the place shows it too, or where
 // it may be hidden there, the one on the other side.
 fn continues(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, texel: vec2<i32>, on_plane_m: vec3<f32>,
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, texel: vec2<i32>, on_plane_m: vec3<f32>,
     normal: vec3<f32>, footprint_m: f32
 ) -> bool {
     let middle = vec2<f32>(texel) + 0.5;
@@ -198,7 +178,7 @@ fn continues(
 
 #if TEST > 2
 // Whether a place is in glass.
-fn is_inside(walk: Walk, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m: f32) -> bool {
+fn is_inside(walk: WalkUniforms, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m: f32) -> bool {
 #if TEST == 3
     let pair = textureLoad(depths, texel, 0, 0).xy;
     return view_m >= view_depth_m(pair.x) && view_m <= view_depth_m(pair.y);
@@ -213,7 +193,7 @@ fn is_inside(walk: Walk, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m
 #endif
 
 // The pixel at a share of a segment on the screen.
-fn pixel_on(walk: Walk, seg: Segment, on_screen: f32) -> vec2<f32> {
+fn pixel_on(walk: WalkUniforms, seg: Segment, on_screen: f32) -> vec2<f32> {
     let start = to_pixel(walk, seg.near);
     let path = to_pixel(walk, seg.far) - start;
     return start + on_screen * path;
@@ -222,7 +202,7 @@ fn pixel_on(walk: Walk, seg: Segment, on_screen: f32) -> vec2<f32> {
 // The surface that step `number` hits.
 #if TEST > 2
 fn hit(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
 ) -> Hit {
     let middle = (number + 0.5) / seg.steps;
     let texel = texel_at(walk, pixel_on(walk, seg, middle));
@@ -234,7 +214,7 @@ fn hit(
 }
 #else if TEST == 1
 // One of the four texels about a pixel that shows something.
-fn texel_nearby(walk: Walk, depths: texture_2d_array<f32>, pixel: vec2<f32>) -> vec2<i32> {
+fn texel_nearby(walk: WalkUniforms, depths: texture_2d_array<f32>, pixel: vec2<f32>) -> vec2<i32> {
     var shown = texel_at(walk, pixel);
     for (var i = 0u; i < 4u; i++) {
         let other = texel_at(walk, pixel - 0.5 + vec2(f32(i & 1u), f32(i >> 1u)));
@@ -244,7 +224,7 @@ fn texel_nearby(walk: Walk, depths: texture_2d_array<f32>, pixel: vec2<f32>) -> 
 }
 
 fn hit(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
 ) -> Hit {
     let pixel = pixel_on(walk, seg, (number + 0.5) / seg.steps);
     let from_m = distance_at(seg, (number - OVERLAP) / seg.steps);
@@ -287,7 +267,7 @@ fn hit(
 }
 #else
 fn hit(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
 ) -> Hit {
     let middle = (number + 0.5) / seg.steps;
     let texel = texel_at(walk, pixel_on(walk, seg, middle));
@@ -323,7 +303,7 @@ fn hit(
 // The surface on which a ray has ended at a distance: of the steps that reach so far, the one that hits nearest to it. A pixel that
 // shows the place may show another surface there, beside a silhouette.
 fn surface_hit(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, at_m: f32
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, at_m: f32
 ) -> Surface {
     let seg = segment(walk, ray);
     let middle = floor(screen_at(seg, at_m) * seg.steps);
@@ -355,7 +335,7 @@ const MIN_DETERMINANT: f32 = 1e-3;
 // fourth. On a curved surface the mean of their places is not the place, above all where it is seen edge-on: the change of place and normal from
 // pixel to pixel leads on from there.
 fn smoothed(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
+    walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
 ) -> vec3<f32> {
     if is_flat(surface) {
         return surface.shading_normal;

@@ -1,31 +1,14 @@
 // The square that a photon covers in the caustics buffer: UW §3.3.
 #define_import_path fathom::splat
 
+#import fathom::host::{Photon, SplatUniforms}
 #import fathom::uniforms::{frame}
-#import fathom::photon::{Photon, angular_weight, entered, has_landed}
+#import fathom::photon::{angular_weight, entered, has_landed}
 #import fathom::screen::{to_pixels}
 #if SURFACE == 1
 #import fathom::uniforms::{view_depth_m}
 #import fathom::surface_plane::{depth_texel, plane_at}
 #endif
-
-struct Splat {
-    // Pixels of the caustics buffer.
-    size_px: vec2<f32>,
-    // s = size_a_px + size_b_px_m / distance to the viewer (UW §3.3).
-    size_a_px: f32,
-    size_b_px_m: f32,
-    // I_photon: flux of a photon, W.
-    photon_w: f32,
-    // Splats are tested this much nearer to the camera than their photon, so that the surface they lie on does not hide them.
-    // SURFACE 1: pixels whose surface is this much farther than the splat are left out too.
-    depth_bias_m: f32,
-    // Steps of a fixed-point sum in a unit of intensity.
-    steps: f32,
-    photons: u32,
-    // Photons that one instance of the rasterizer's index pattern draws.
-    photons_per_instance: u32,
-}
 
 struct Square {
     // In pixels of the buffer, whose middles have whole numbers.
@@ -46,7 +29,7 @@ struct Square {
 #if SURFACE == 1
 // Change of device depth per pixel of the surface behind a place of the buffer; 0 where something else than the photon's surface is
 // seen there. Beyond the picture the surface at its border goes on.
-fn surface_slope(settings: Splat, scene_depth: texture_depth_2d, position_px: vec2<f32>, view_m: f32) -> vec2<f32> {
+fn surface_slope(settings: SplatUniforms, scene_depth: texture_depth_2d, position_px: vec2<f32>, view_m: f32) -> vec2<f32> {
     let texels = vec2<f32>(textureDimensions(scene_depth));
     let texel = clamp(depth_texel(scene_depth, position_px, settings.size_px), vec2(0), vec2<i32>(texels) - 1);
     let plane = plane_at(scene_depth, texel);
@@ -59,7 +42,7 @@ fn surface_slope(settings: Splat, scene_depth: texture_depth_2d, position_px: ve
 }
 #endif
 
-fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Square {
+fn square(settings: SplatUniforms, photon: Photon, scene_depth: texture_depth_2d) -> Square {
     var splat: Square;
     let clip = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
     if !has_landed(photon) || clip.w < frame.z_near_m {
@@ -95,7 +78,7 @@ fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Squ
 #if SURFACE == 1
 // Whether a splat's plane is seen in a pixel: `from_center` pixels from its middle, where the camera sees the depth `seen`. `planes` has the
 // device depths of splat and photon in the middle.
-fn in_surface(settings: Splat, planes: vec2<f32>, slope: vec2<f32>, from_center: vec2<f32>, seen: f32) -> bool {
+fn in_surface(settings: SplatUniforms, planes: vec2<f32>, slope: vec2<f32>, from_center: vec2<f32>, seen: f32) -> bool {
     let rise = dot(slope, from_center);
     // view(seen) − view(plane) ≤ bias, where view(z) = n f / (f − z (f − n)), multiplied by both denominators.
     let range = frame.z_far_m - frame.z_near_m;

@@ -1,18 +1,7 @@
 // Materials of the scene, and the scene's vertex as every raster stage reads it. Host twin: src/stages/shared/geometry.rs.
 #define_import_path fathom::surface
 
-struct Material {
-    albedo: vec3<f32>,
-    // Side of a world-space tile with joints in the accent colour; 0: plain.
-    tile_m: f32,
-    accent: vec3<f32>,
-    // Opacity.
-    alpha: f32,
-    // Reflectance of the glossy lobe.
-    specular: f32,
-    // As `fathom::optics` reads it.
-    optics: f32,
-}
+#import fathom::host::{MaterialUniforms}
 
 struct SceneVertex {
     @location(0) position_m: vec3<f32>,
@@ -41,7 +30,7 @@ fn hash(p: vec3<i32>) -> f32 {
     return f32(v >> 8u) / 16777216.0;
 }
 
-fn albedo(material: Material, position_m: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
+fn albedo(material: MaterialUniforms, position_m: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
     if material.tile_m <= 0.0 {
         return material.albedo;
     }

@@ -1,10 +1,10 @@
 // The photons of a cell of a light's grid, SIDE² of them in a loop. SIDE = 0 takes the bound from the settings (UW §4.1, dynamic tessellation).
 #define_import_path fathom::tracing
 
-#import fathom::estimator::{Trace, photon_ndc, trace}
-#import fathom::photon::{Photon}
+#import fathom::host::{Photon, TraceUniforms}
+#import fathom::estimator::{photon_ndc, trace}
 
-@group(1) @binding(0) var<uniform> settings: Trace;
+@group(1) @binding(0) var<uniform> settings: TraceUniforms;
 @group(1) @binding(1) var shadow_depth: texture_depth_2d;
 @group(1) @binding(2) var shadow_mask: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read_write> photons: array<Photon>;

@@ -2,19 +2,10 @@
 // Host twin: src/stages/shared/screen_ray.rs.
 #define_import_path fathom::transfer
 
-#import fathom::photon::{MISSED, OUTSIDE, Photon, landed_fate}
+#import fathom::host::{Photon, Transfer}
+#import fathom::photon::{MISSED, OUTSIDE, landed_fate}
 
-// Where a photon leaves its last specular surface, and in which direction: a texel of SPT's transfer map.
-struct Transfer {
-    position_m: vec3<f32>,
-    // One of those below.
-    state: u32,
-    // Unit.
-    direction: vec3<f32>,
-    // Length of its path under water so far.
-    path_m: f32,
-}
-
+// States of a ray.
 // It never got here.
 const NEVER: u32 = 0u;
 // On its first segment: surfaces are hit from both sides.

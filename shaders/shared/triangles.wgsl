@@ -10,20 +10,12 @@
 // the others in the queue, 2 takes those.
 #define_import_path fathom::triangles
 
-#import fathom::voxels::{Grid, index_of, to_cells}
-#import fathom::surface::{Material}
+#import fathom::host::{BatchUniforms, GridUniforms, MaterialUniforms}
+#import fathom::voxels::{index_of, to_cells}
 #import fathom::dispatch::{GROUP, invocation_index}
 
-struct Batch {
-    first_index: u32,
-    triangles: u32,
-    // Columns above which a triangle is large, and above which it is huge.
-    small_columns: u32,
-    large_columns: u32,
-}
-
-@group(0) @binding(0) var<uniform> grid: Grid;
-@group(0) @binding(1) var<uniform> batch: Batch;
+@group(0) @binding(0) var<uniform> grid: GridUniforms;
+@group(0) @binding(1) var<uniform> batch: BatchUniforms;
 // Seven words a vertex: position, normal, material.
 @group(0) @binding(2) var<storage, read> vertices: array<u32>;
 @group(0) @binding(3) var<storage, read> indices: array<u32>;
@@ -31,7 +23,7 @@ struct Batch {
 // How many triangles are large and how many huge; then the large ones from the front, the huge ones from the back.
 @group(0) @binding(5) var<storage, read_write> queue: array<atomic<u32>>;
 #if ALPHA == 1
-@group(0) @binding(6) var<storage, read> materials: array<Material>;
+@group(0) @binding(6) var<storage, read> materials: array<MaterialUniforms>;
 // 0 … 255 for each voxel.
 @group(0) @binding(7) var<storage, read_write> alphas: array<atomic<u32>>;
 #endif

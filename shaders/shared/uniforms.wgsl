@@ -1,56 +1,10 @@
 // What every stage of a frame shares: cameras, light, water. Host twin: src/stages/uniforms.rs.
 #define_import_path fathom::uniforms
 
+#import fathom::host::{FrameUniforms}
 #import fathom::math::{perspective_divide}
 
-struct Frame {
-    camera_view_projection: mat4x4<f32>,
-    camera_inverse: mat4x4<f32>,
-    // The camera mirrored about the resting water y = 0.
-    mirror_view_projection: mat4x4<f32>,
-    light_view_projection: mat4x4<f32>,
-    light_inverse: mat4x4<f32>,
-    // From places of the photon grid, −1 … 1 along each side, and a depth to the world.
-    photon_grid: mat4x4<f32>,
-    camera_position_m: vec3<f32>,
-    z_near_m: f32,
-    // Direction of travel at the middle of the light frustum.
-    light_forward: vec3<f32>,
-    z_far_m: f32,
-    light_position_m: vec3<f32>,
-    // 1 for a point light, 0 for a directional one.
-    light_is_point: u32,
-    // Irradiance at normal incidence in the middle of the view, W/m².
-    light_irradiance: f32,
-    // Depth difference, in the light's depth range 0…1, that counts as an edge.
-    light_depth_jump: f32,
-    refractive_index: f32,
-    attenuation_per_m: f32,
-    water_center_m: vec2<f32>,
-    water_half_size_m: vec2<f32>,
-    water_amplitude_m: f32,
-    // 2π / wavelength, 1/m.
-    wavenumber_per_m: f32,
-    // ω t, radians.
-    phase: f32,
-    noise_share: f32,
-    noise_tile_m: f32,
-    // Scroll of the noise along x, in tiles.
-    noise_scroll: f32,
-    // 0 circular, 1 directional; given water is compiled in.
-    water_model: u32,
-    // 1 where the camera is below the resting water.
-    camera_under_water: u32,
-    // How far the surface is from y = 0 at most.
-    water_bound_m: f32,
-    // Horizontal length of a step of the search for a ray's entry, and most steps.
-    water_step_m: f32,
-    water_steps: f32,
-    // Tangent of the angle to the vertical up to which Newton's method finds a ray's entry.
-    water_newton_slant: f32,
-}
-
-@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(0) var<uniform> frame: FrameUniforms;
 // What the surface is made from. Models: (n, ∂n/∂u, ∂n/∂v) of tile-periodic Perlin noise, texel centres at (i + 0.5) / size.
 // A list of waves: a texel for each, (kx, kz, amplitude, phase).
 @group(0) @binding(1) var water_texels: texture_2d<f32>;

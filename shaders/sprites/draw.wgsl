@@ -1,27 +1,13 @@
 // defs: FACING=0, WATER=0
 // A sprite for each photon that has landed, in the receiver's tangent plane: SPT §3.1, Eq. 1. FACING 1 puts it in the screen's plane, as
 // point sprites lie: SPT Fig. 6, left.
+#import fathom::host::{Photon, SpriteUniforms}
 #import fathom::uniforms::{focal_lengths, frame, world_at}
 #import fathom::layers::{surface_near, texel_of}
-#import fathom::photon::{Photon, has_landed}
+#import fathom::photon::{has_landed}
 #import fathom::screen::{NOT_DRAWN}
 
-struct Sprites {
-    size_px: vec2<f32>,
-    // s of Eq. 1.
-    radius_m: f32,
-    // A pixel is lit when what it shows lies this near to the sprite's plane, along its line of sight.
-    visible_m: f32,
-    // Irradiance of a photon for each metre of s − r, W/m³.
-    rise_w_m3: f32,
-    photons_per_instance: u32,
-    photons: u32,
-    layers: u32,
-    // Photons of a weight.
-    per_ray: u32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Sprites;
+@group(1) @binding(0) var<uniform> settings: SpriteUniforms;
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;
@@ -76,7 +62,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     let corner = vec2(f32(vertex & 1u), f32((vertex >> 1u) & 1u)) * 2.0 - 1.0;
     let position = vec4((ndc + corner * reach) * clip.w, clip.zw);
     let transmitted = weights[index / settings.per_ray] * exp(-frame.attenuation_per_m * photon.distance_m);
-    return Varying(position, photon.hit_m, normal, settings.rise_w_m3 * transmitted);
+    return Varying(position, photon.hit_m, normal, settings.irradiance_per_m * transmitted);
 }
 
 @fragment

@@ -1,26 +1,19 @@
 // defs: TEST=1, WATER=0
 // Photons that have met a mirror or glass go on from there: SPT §2.3. Those that have met anything else, or nothing, have ended.
+#import fathom::host::{BounceUniforms, Photon, Transfer, WalkUniforms}
 #import fathom::dispatch::{invocation_index}
 #import fathom::uniforms::{frame}
 #import fathom::layers::{NO_SURFACE}
 #import fathom::optics
-#import fathom::photon::{Photon, STILL_BOUNCING, has_landed}
-#import fathom::screen_ray::{Walk, smoothed, surface_hit}
+#import fathom::photon::{STILL_BOUNCING, has_landed}
+#import fathom::screen_ray::{smoothed, surface_hit}
 #import fathom::surface_texel::{Surface}
-#import fathom::transfer::{AGAIN, ENDED, INSIDE, Transfer, is_travelling}
+#import fathom::transfer::{AGAIN, ENDED, INSIDE, is_travelling}
 
-struct Bounce {
-    // Photons of this turn: the first, and how many.
-    first: u32,
-    rows: u32,
-    // 1 behind the last way.
-    last: u32,
-}
-
-@group(1) @binding(0) var<uniform> bounce: Bounce;
+@group(1) @binding(0) var<uniform> bounce: BounceUniforms;
 @group(1) @binding(1) var<storage, read_write> transfers: array<Transfer>;
 @group(1) @binding(2) var<storage, read_write> photons: array<Photon>;
-@group(1) @binding(3) var<uniform> walk: Walk;
+@group(1) @binding(3) var<uniform> walk: WalkUniforms;
 @group(1) @binding(4) var depths: texture_2d_array<f32>;
 @group(1) @binding(5) var surfaces: texture_2d_array<u32>;
 

@@ -1,20 +1,14 @@
 // defs: FRESNEL=0, WATER=0
 // The transfer map: where each photon of the light's grid enters the water, and its refracted direction. SPT §2: "single
 // refractions, for instance at a water surface". Beside it each photon's share of the flux that one in the middle of the light carries.
+#import fathom::host::{MapUniforms, Transfer}
 #import fathom::dispatch::{invocation_index}
 #import fathom::uniforms::{frame}
 #import fathom::photon::{angular_weight, in_mask, meet_water, photon_ray, transmittance}
-#import fathom::transfer::{FIRST, NEVER, Transfer}
+#import fathom::transfer::{FIRST, NEVER}
 #import fathom::water
 
-struct Map {
-    // Photons along the light's screen, to the right and upwards.
-    grid: vec2<u32>,
-    // Place of a photon within its cell.
-    offset: vec2<f32>,
-}
-
-@group(1) @binding(0) var<uniform> settings: Map;
+@group(1) @binding(0) var<uniform> settings: MapUniforms;
 @group(1) @binding(1) var shadow_mask: texture_2d<f32>;
 @group(1) @binding(2) var<storage, read_write> transfers: array<Transfer>;
 @group(1) @binding(3) var<storage, read_write> weights: array<f32>;

@@ -1,19 +1,13 @@
 // defs: TEST=3, WATER=0
 // Lines of sight behind the first surface of glass: SPT §4, "visible object points along with their normals are rendered into the transfer
 // map". Beside them the depths of the first two layers in one texel, so that a step of a ray takes one look-up. The camera is not in glass.
+#import fathom::host::{SightUniforms, Transfer}
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{surface_at}
 #import fathom::optics
-#import fathom::transfer::{FIRST, NEVER, Transfer}
+#import fathom::transfer::{FIRST, NEVER}
 
-struct Sight {
-    size_px: vec2<f32>,
-    // The rectangle of pixels that may show glass.
-    first: vec2<u32>,
-    count: vec2<u32>,
-}
-
-@group(1) @binding(0) var<uniform> settings: Sight;
+@group(1) @binding(0) var<uniform> settings: SightUniforms;
 @group(1) @binding(1) var depths: texture_2d_array<f32>;
 @group(1) @binding(2) var surfaces: texture_2d_array<u32>;
 @group(1) @binding(3) var<storage, read_write> transfers: array<Transfer>;

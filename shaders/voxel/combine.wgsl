@@ -3,9 +3,10 @@
 // The slicemaps of y and z hold bits along their own axes. Blocks of 32 × 32 bits are transposed into bits along x
 // in five steps (Warren, Hacker's Delight, §7-3), so that each word is read once. A workgroup takes a cube of
 // 32 × 32 × 32 voxels: each invocation transposes one block of z's slicemap and then one of y's.
-#import fathom::voxels::{Grid, index_of}
+#import fathom::host::{GridUniforms}
+#import fathom::voxels::{index_of}
 
-@group(0) @binding(0) var<uniform> grid: Grid;
+@group(0) @binding(0) var<uniform> grid: GridUniforms;
 @group(0) @binding(1) var<storage, read> along_x: array<u32>;
 @group(0) @binding(2) var<storage, read> along_y: array<u32>;
 @group(0) @binding(3) var<storage, read> along_z: array<u32>;

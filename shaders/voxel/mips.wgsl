@@ -5,18 +5,11 @@
 // sample within the cell reads no other voxels, so that it is 0 wherever the cell is empty. Cells of higher levels are
 // the OR of 2 × 2 × 2 cells, and the last along an axis takes what is left over: voxel v lies in cell
 // min(v >> level, size - 1).
+#import fathom::host::{LevelUniforms}
 #import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::rows::{pitch_words}
 
-struct Level {
-    below: vec3<u32>,
-    // Where the rows of the level below start, in words.
-    below_word: u32,
-    size: vec3<u32>,
-    size_word: u32,
-}
-
-@group(0) @binding(0) var<uniform> level: Level;
+@group(0) @binding(0) var<uniform> level: LevelUniforms;
 @group(0) @binding(1) var<storage, read> bits: array<u32>;
 // Rows of all levels above the first, one after the other.
 @group(0) @binding(2) var<storage, read_write> rows: array<u32>;

@@ -1,10 +1,11 @@
 // The scene drawn into frusta one slice thin, and the OR of the three axes. VAO §4.1.
 // defs: AXIS=0
-#import fathom::voxels::{Grid, to_cells}
+#import fathom::host::{GridUniforms}
+#import fathom::voxels::{to_cells}
 #import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::pass_axes::{swizzled}
 
-@group(0) @binding(0) var<uniform> grid: Grid;
+@group(0) @binding(0) var<uniform> grid: GridUniforms;
 // A volume for each axis: columns and rows of its passes, and slices.
 @group(1) @binding(0) var along_x: texture_3d<f32>;
 @group(1) @binding(1) var along_y: texture_3d<f32>;

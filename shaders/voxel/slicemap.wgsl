@@ -4,11 +4,12 @@
 // The raster units draw the large triangles. An invocation of `main` rasterizes a small one, as Karis, Stubbe and Wihlidal do (Nanite:
 // A Deep Dive, SIGGRAPH 2021), by edge functions (Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988) and the rule
 // of raster units: corners are rounded to steps of a pixel, and a centre on an edge counts if the edge is a top or a left one.
+#import fathom::host::{GridUniforms}
 #import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::pass_axes::{swizzled}
-#import fathom::voxels::{Grid, to_cells}
+#import fathom::voxels::{to_cells}
 
-@group(0) @binding(0) var<uniform> grid: Grid;
+@group(0) @binding(0) var<uniform> grid: GridUniforms;
 // A word holds 32 slices. A layer of words has the pass's pixels, row by row.
 @group(0) @binding(1) var<storage, read_write> slices: array<atomic<u32>>;
 // Seven words a vertex, of which the first three are its position.

@@ -1,10 +1,10 @@
 // Bits, or alphas of a word each, to bytes in rows as a copy to a texture wants them. VAO §4.2.
 // defs: ALPHA=0
-#import fathom::voxels::{Grid}
+#import fathom::host::{GridUniforms}
 #import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::rows::{pitch_words}
 
-@group(0) @binding(0) var<uniform> grid: Grid;
+@group(0) @binding(0) var<uniform> grid: GridUniforms;
 // A bit for each voxel, or with ALPHA a word of 0 … 255.
 @group(0) @binding(1) var<storage, read> voxels: array<u32>;
 @group(0) @binding(2) var<storage, read_write> rows: array<u32>;

@@ -1,9 +1,10 @@
 // Full voxels as cubes, seen from the camera. VAO Fig. 2.
+#import fathom::host::{GridUniforms}
 #import fathom::uniforms::{focal_lengths, frame}
 #import fathom::screen::{corner}
-#import fathom::voxels::{Grid, index_of, to_cells}
+#import fathom::voxels::{index_of, to_cells}
 
-@group(1) @binding(0) var<uniform> grid: Grid;
+@group(1) @binding(0) var<uniform> grid: GridUniforms;
 @group(1) @binding(1) var<storage, read> bits: array<u32>;
 
 // Reflectance of a cube, and of its edges.

@@ -1,10 +1,11 @@
 // What the water mirrors, drawn from the camera mirrored about the resting surface: UW §3 step 4.
+#import fathom::host::{MaterialUniforms}
 #import fathom::uniforms::{frame}
-#import fathom::surface::{Material, SceneVertex, Varying, projected}
+#import fathom::surface::{SceneVertex, Varying, projected}
 #import fathom::lit_scene::{kept, radiance}
 #import fathom::shading
 
-@group(1) @binding(0) var<storage, read> materials: array<Material>;
+@group(1) @binding(0) var<storage, read> materials: array<MaterialUniforms>;
 
 @vertex
 fn vertex(in: SceneVertex) -> Varying {

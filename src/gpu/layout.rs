@@ -1,26 +1,7 @@
-//! What a linked shader binds: of which kind, and how WGSL lays out the structs.
+//! What a linked shader binds, and of which kind.
 
 use wgpu::naga;
 use wgpu::naga::compact::{KeepUnused, compact};
-
-/// A member of a struct.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Member {
-    pub name: String,
-    /// Its type as WGSL writes it; `struct` for a struct.
-    pub wgsl: String,
-    /// Bytes from the struct's start.
-    pub offset: u32,
-}
-
-/// How a struct is laid out, in bytes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StructLayout {
-    /// In order.
-    pub members: Vec<Member>,
-    /// Size of the struct, its padding included.
-    pub span: u32,
-}
 
 /// What a shader binds at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,8 +11,8 @@ pub struct Binding {
     pub kind: BindingKind,
     /// Of the entry points that use it.
     pub stages: wgpu::ShaderStages,
-    /// The struct that is bound, alone or as the element of an array: as the shader calls it, and how it is laid out.
-    pub structure: Option<(String, StructLayout)>,
+    /// The struct that is bound, alone or as the element of an array.
+    pub structure: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,48 +38,6 @@ impl Binding {
     }
 }
 
-impl StructLayout {
-    /// Members are (name, WGSL type).
-    pub fn new(members: &[(&str, &str)], offsets: &[u32], span: u32) -> Self {
-        let member = |((name, wgsl), offset): (&(&str, &str), &u32)| Member {
-            name: (*name).to_owned(),
-            wgsl: (*wgsl).to_owned(),
-            offset: *offset,
-        };
-        Self { members: members.iter().zip(offsets).map(member).collect(), span }
-    }
-
-    /// The first difference from a shader's layout, as a sentence.
-    pub fn difference(&self, shader: &Self) -> Option<String> {
-        let longest = self.members.len().max(shader.members.len());
-        let shown = |member: Option<&Member>| {
-            member.map_or("nothing".to_owned(), |m| {
-                format!("`{}: {}` at {}", m.name, m.wgsl, m.offset)
-            })
-        };
-        let pairs = (0..longest).map(|i| (self.members.get(i), shader.members.get(i)));
-        let differing = pairs.into_iter().find(|(host, shader)| host != shader);
-        match differing {
-            Some((host, shader)) => {
-                Some(format!("the host has {}, the shader {}", shown(host), shown(shader)))
-            }
-            None if self.span != shader.span => {
-                Some(format!("the host has {} bytes, the shader {}", self.span, shader.span))
-            }
-            None => None,
-        }
-    }
-
-    fn from_naga(module: &naga::Module, members: &[naga::StructMember], span: u32) -> Self {
-        let member = |m: &naga::StructMember| Member {
-            name: m.name.clone().unwrap_or_default(),
-            wgsl: wgsl(&module.types[m.ty].inner),
-            offset: m.offset,
-        };
-        Self { members: members.iter().map(member).collect(), span }
-    }
-}
-
 /// What the entry points of a linked module bind. An imported module may hold what they do not use: that is removed.
 pub(super) fn bindings(module: &mut naga::Module) -> Vec<Binding> {
     compact(module, KeepUnused::No);
@@ -108,10 +47,7 @@ pub(super) fn bindings(module: &mut naga::Module) -> Vec<Binding> {
         let users = used.iter().filter(|(_, places)| places.contains(&place));
         let stages = users.map(|(stage, _)| *stage).collect();
         let kind = kind(variable.space, &module.types[variable.ty].inner)?;
-        let structure = element(module, variable.ty).map(|(ty, members, span)| {
-            let name = strip_module(ty.name.as_deref().unwrap_or_default());
-            (name, StructLayout::from_naga(module, members, span))
-        });
+        let structure = structure(&module.types, variable.ty);
         Some(Binding { group, binding, kind, stages, structure })
     };
     module.global_variables.iter().filter_map(|(_, variable)| bound(variable)).collect()
@@ -167,40 +103,18 @@ fn kind(space: naga::AddressSpace, ty: &naga::TypeInner) -> Option<BindingKind> 
     })
 }
 
-/// A struct, or that which an array holds.
-fn element(
-    module: &naga::Module,
+/// The name of a struct, or of that which an array holds. naga_oil puts the module's path behind it.
+fn structure(
+    types: &naga::UniqueArena<naga::Type>,
     ty: naga::Handle<naga::Type>,
-) -> Option<(&naga::Type, &[naga::StructMember], u32)> {
-    match &module.types[ty].inner {
-        naga::TypeInner::Struct { members, span } => Some((&module.types[ty], members, *span)),
-        naga::TypeInner::Array { base, .. } => element(module, *base),
-        _ => None,
-    }
-}
-
-/// naga_oil puts the module's path behind the names of shared structs.
-fn strip_module(name: &str) -> String {
-    name.split("X_naga_oil_mod_X").next().unwrap_or(name).to_owned()
-}
-
-fn wgsl(inner: &naga::TypeInner) -> String {
-    let scalar = |scalar: &naga::Scalar| match scalar.kind {
-        naga::ScalarKind::Float => "f32",
-        naga::ScalarKind::Uint => "u32",
-        naga::ScalarKind::Sint => "i32",
-        _ => "bool",
-    };
+) -> Option<String> {
+    let naga::Type { name, inner } = &types[ty];
     match inner {
-        naga::TypeInner::Scalar(s) | naga::TypeInner::Atomic(s) => scalar(s).to_owned(),
-        naga::TypeInner::Vector { size, scalar: s } => {
-            format!("vec{}<{}>", *size as u32, scalar(s))
+        naga::TypeInner::Struct { .. } => {
+            name.as_ref()?.split("X_naga_oil_mod_X").next().map(str::to_owned)
         }
-        naga::TypeInner::Matrix { columns, rows, scalar: s } => {
-            format!("mat{}x{}<{}>", *columns as u32, *rows as u32, scalar(s))
-        }
-        naga::TypeInner::Struct { .. } => "struct".to_owned(),
-        _ => "array".to_owned(),
+        naga::TypeInner::Array { base, .. } => structure(types, *base),
+        _ => None,
     }
 }
 
@@ -257,7 +171,7 @@ mod tests {
         ];
         assert_eq!(kinds, expected);
         let structs = found.iter().filter_map(|of| Some((of.binding, of.structure.as_ref()?)));
-        let structs: Vec<_> = structs.map(|(at, (name, _))| (at, name.as_str())).collect();
+        let structs: Vec<_> = structs.map(|(at, name)| (at, name.as_str())).collect();
         assert_eq!(structs, [(0, "Filter"), (2, "Filter")]);
     }
 }

@@ -1,9 +1,9 @@
 //! How many turns of its loops an adapter lets an invocation make.
 
+use crate::kit::{Bindings, Dispatch, Resources};
 use crate::readback::read_buffer;
-use crate::shader::compilation_options;
-use crate::{Gpu, GpuError};
-use fathom_record::LoopTurns;
+use crate::{Gpu, GpuError, StageInfo, shader_struct};
+use fathom_record::{LoopTurns, Work};
 
 /// Turns that all loops of an invocation make together at most, in any stage on any adapter: what needs more is cut into several
 /// passes or refused. llvmpipe ends the loops of an invocation after 65,535 turns, and reports nothing: `LP_MAX_TGSI_LOOP_ITERATIONS` in
@@ -15,6 +15,17 @@ pub const MAX_ITERATIONS: u64 = 65_000;
 const TRIED: u32 = 1 << 20;
 /// Of the outer and the inner of two loops.
 const SIDE: u32 = 1 << 10;
+
+const INFO: StageInfo =
+    StageInfo { name: "audit/loops", about: "loops whose turns are counted", source: "" };
+
+shader_struct! {
+    /// Turns of two loops.
+    struct LoopLengths {
+        pub outer: u32,
+        pub inner: u32,
+    }
+}
 
 /// What an invocation does of `TRIED` turns, in one loop and in two of which one lies within the other.
 ///
@@ -45,31 +56,15 @@ pub fn describe_loop_turns(found: LoopTurns) -> String {
 
 /// The invocation's own count.
 fn made(gpu: &Gpu, [outer, inner]: [u32; 2]) -> Result<u32, GpuError> {
-    let shader = gpu.shader("audit/loops", &[])?;
-    let result = gpu.catch(|| {
-        use wgpu::BufferUsages as Usage;
-        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("audit"),
-            layout: None,
-            module: &shader.module,
-            entry_point: Some("main"),
-            compilation_options: compilation_options(),
-            cache: None,
-        });
-        let uniform = gpu.buffer("audit", 16, Usage::UNIFORM | Usage::COPY_DST);
-        gpu.queue.write_buffer(&uniform, 0, [outer, inner].map(u32::to_le_bytes).as_flattened());
-        let result = gpu.buffer("audit", 8, Usage::STORAGE | Usage::COPY_SRC);
-        let layout = pipeline.get_bind_group_layout(0);
-        let bindings = gpu.bind("audit", &layout, &[&uniform, &result]);
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&pipeline);
-        pass.set_bind_group(0, &bindings, &[]);
-        pass.dispatch_workgroups(1, 1, 1);
-        drop(pass);
-        gpu.queue.submit([encoder.finish()]);
-        Ok(result)
+    let resources = Resources::new(gpu);
+    let (stage, result) = gpu.catch(|| {
+        let lengths = resources.uniform(INFO.name, &LoopLengths { outer, inner });
+        let result = resources.storage(INFO.name, 8);
+        let group = Bindings::new(&[&lengths, &result]);
+        let dispatch = Dispatch::new(&resources, INFO.name, &[&group], [1; 3])?;
+        Ok((Dispatch::stage([dispatch], &INFO, Work::default()), result))
     })?;
+    gpu.run(&[&stage])?;
     let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &result)?);
     let [turns, state] = [words[0], words[1]];
     if state == state_after(turns) {

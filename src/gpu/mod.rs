@@ -8,6 +8,7 @@ mod adapter;
 mod capacity;
 mod ceilings;
 mod error;
+pub mod kit;
 mod layout;
 mod limits;
 mod loops;
@@ -27,10 +28,12 @@ pub use fathom_clock::{
     StageScope, SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table,
     count,
 };
-pub use layout::{Binding, BindingKind, Member, StructLayout};
+#[doc(hidden)]
+pub use inventory;
+pub use layout::{Binding, BindingKind};
 pub use limits::Demand;
 pub use loops::{MAX_ITERATIONS, describe_loop_turns, measure_loop_turns};
-pub use pipelines::{CodeKey, GroupKey, KernelKey, MadePipelines, RasterKey};
+pub use pipelines::{CodeKey, MadePipelines};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
-pub use shader::{Shader, compilation_options, default_defs, link, shader_paths, text};
+pub use shader::{Shader, default_defs, link, shader_paths, text};
 pub use stage::{Column, OutputData, ReadRow, Stage, StageDump, StageInfo, stages_before};

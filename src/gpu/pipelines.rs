@@ -12,6 +12,7 @@ use super::Gpu;
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct KernelKey {
     pub code: CodeKey,
+    pub entry: String,
     pub groups: Vec<GroupKey>,
 }
 
@@ -25,7 +26,7 @@ pub struct RasterKey {
     pub buffers: Vec<(wgpu::BufferAddress, wgpu::VertexStepMode, Vec<wgpu::VertexAttribute>)>,
     pub targets: Vec<wgpu::ColorTargetState>,
     pub depth: Option<wgpu::DepthStencilState>,
-    pub topology: wgpu::PrimitiveTopology,
+    pub primitive: wgpu::PrimitiveState,
 }
 
 /// A shader's path and the values of the host that it is compiled with.

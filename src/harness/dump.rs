@@ -131,8 +131,8 @@ fn axes(output: &StageDump, count: usize) -> Value {
 mod tests {
     use super::*;
     use fathom_gpu::Options;
+    use fathom_gpu::kit::Resources;
     use fathom_scene::Grid;
-    use fathom_stages::kit::Resources;
     use fathom_stages::voxels::Voxels;
 
     /// A volume whose cell (x, y, z) of 3 × 2 × 5 holds 10 + x + 3 (y + 2 z).

@@ -8,12 +8,12 @@ use std::collections::BTreeMap;
 use super::lighting::{LitImage, VisibleScene};
 use super::occlusion::{OcclusionBuffers, RayModel};
 use super::{Pipeline, PipelineInstance, settings, to_map};
+use fathom_gpu::kit::Resources;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::bilateral;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::hsao::march::{self, HorizonUniforms};
-use fathom_stages::kit::Resources;
 
 pub use parameters::{Horizon, Params};
 

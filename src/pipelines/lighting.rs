@@ -2,12 +2,12 @@
 //! composition. VAO §6.
 
 use super::settings::{Compose, Filter, Shadow, VIEWPORT};
+use fathom_gpu::kit::{self, Resources};
 use fathom_gpu::{GpuError, StageInfo};
 use fathom_scene::Scene;
 use fathom_stages::bilateral;
 use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::{self, Resources};
 use fathom_stages::picture::Picture;
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{ao, scene, shadow};

@@ -35,12 +35,12 @@ use thiserror::Error;
 use caustics_image::{CausticsPair, IMAGE_ERROR};
 use fathom_base::parameter::{self, ParamError, ParamField, Setting};
 use fathom_base::text;
+use fathom_gpu::kit::{PipelineParts, Resources};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo, TimedStage};
 use fathom_record::{ErrorFigure, Note, PictureScale, Work};
 use fathom_reference::cache::{AnswerCache, AnswerKey};
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
 use fathom_stages::geometry::Objects;
-use fathom_stages::kit::{PipelineParts, Resources};
 use fathom_stages::uniforms::View;
 use image::RgbImage;
 use occlusion::OcclusionBuffers;
@@ -446,7 +446,7 @@ fn plan<P: Pipeline>(tree: &Value, scene: &Scene) -> Result<PipelinePlan, GpuErr
     planner.catch(|| {
         let resources = Resources::new(planner);
         let pipeline = P::new(&resources, scene, &params)?;
-        let pixels = fathom_stages::kit::pixels(pipeline.image());
+        let pixels = fathom_gpu::kit::pixels(pipeline.image());
         let picture = resources.with_size_hint(settings::VIEWPORT);
         picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
         let parts = resources.into_parts();

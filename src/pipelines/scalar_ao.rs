@@ -10,11 +10,11 @@ use std::collections::BTreeMap;
 
 use super::settings::{self, VIEWPORT};
 use super::{Errors, Judge, JudgeError, Pipeline, PipelineInstance, to_map};
+use fathom_gpu::kit::{self, Resources};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
 use fathom_stages::Stage;
-use fathom_stages::kit::{self, Resources};
 use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar;
 use fathom_stages::scalar_field::ScalarField;

@@ -8,12 +8,12 @@ use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance, P
 use super::{exact_answers, judged_view, objects_of, occlusion::signed_color, share, to_map};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
+use fathom_gpu::kit::Resources;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::picture::PictureLight;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, Light, Scene, SceneFile};
 use fathom_stages::geometry::{Geometry, Objects};
-use fathom_stages::kit::Resources;
 use fathom_stages::photon::{Fate, Photon, Photons};
 use fathom_stages::screen_ray::RayInputs;
 use fathom_stages::uniforms::View;

@@ -12,12 +12,12 @@ use glam::{UVec2, Vec2};
 use super::Pipeline;
 use super::settings::{self, VIEWPORT, begin, scaled};
 use fathom_gpu::GpuError;
+use fathom_gpu::kit::Resources;
 use fathom_scene::Scene;
 use fathom_stages::caustics::splat::{self, SplatStyle, SplatUniforms};
-use fathom_stages::compose::{self, ComposeInputs, PictureUniforms};
+use fathom_stages::compose::{self, ComposeInputs, ComposeUniforms};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
-use fathom_stages::kit::Resources;
 use fathom_stages::lit_scene;
 use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
 use fathom_stages::photon::{self, Photons, TraceUniforms};
@@ -215,7 +215,7 @@ struct ViewPlan {
     lines: LinesUniforms,
     /// Length of a vertical line through all of the water, seen across.
     line_px: f64,
-    compose: PictureUniforms,
+    compose: ComposeUniforms,
 }
 
 impl ViewPlan {
@@ -253,7 +253,7 @@ impl ViewPlan {
             splat_px,
             lines,
             line_px: params.floor_depth_m / pixel(godrays),
-            compose: PictureUniforms {
+            compose: ComposeUniforms {
                 caustics_scale: caustics_scale as f32,
                 godrays_scale: (params.godrays.scattering_per_m / width_m) as f32,
                 occlusion_taps: params.compose.occlusion_taps,

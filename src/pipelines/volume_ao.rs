@@ -11,11 +11,11 @@ use super::occlusion::OcclusionBuffers;
 use super::settings::{self, Update};
 use super::voxelization;
 use fathom_gpu::GpuError;
+use fathom_gpu::kit::Resources;
 use fathom_scene::Scene;
 use fathom_stages::ao;
 use fathom_stages::bilateral;
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::Resources;
 use fathom_stages::marching::Marching;
 use fathom_stages::voxels::Voxels;
 

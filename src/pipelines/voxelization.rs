@@ -1,10 +1,10 @@
 //! Volumes and the stages that fill them, as `voxelize` and `volume_ao` share them. VAO §4.
 
 use super::settings::{self, Animation, Deform, Update, Voxel, VoxelMethod};
+use fathom_gpu::kit::{Resources, When};
 use fathom_gpu::{GpuError, Stage};
 use fathom_scene::{Grid, Scene};
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::{Resources, When};
 use fathom_stages::voxel::clear::{self, Cleared};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::mips;

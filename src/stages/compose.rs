@@ -1,8 +1,8 @@
 //! `compose`: the final image from all buffers, the water surface drawn over it. UW §3.5.
 
-use crate::kit::Raster;
 use crate::picture::Picture;
 use crate::prelude::*;
+use fathom_gpu::kit::Raster;
 
 pub const INFO: StageInfo = StageInfo {
     name: "compose",
@@ -11,13 +11,18 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Compose` in `shaders/compose.wgsl`.
-    pub struct PictureUniforms {
+    pub struct ComposeUniforms {
+        /// Irradiance for a unit of the caustics buffer, 1/m² (paper intensity), or the side at 1 m of a square with
+        /// the area of that buffer's pixel (conserving intensity).
         pub caustics_scale: f32,
+        /// Radiance for a unit of the godray buffer, 1/m², for lines across the sight at the distance of the camera's target.
         pub godrays_scale: f32,
+        /// Taps of the ambient occlusion; 0: none.
         pub occlusion_taps: u32,
         pub occlusion_radius_m: f32,
+        /// Cells per side of the water grid.
         pub water_cells: u32,
+        /// Share of a pixel's view depth within which a texel of caustics or godrays lies on the pixel's surface.
         pub depth_share: f32,
     }
 }
@@ -35,7 +40,7 @@ pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     composed: &ComposeInputs<'_>,
-    settings: &PictureUniforms,
+    settings: &ComposeUniforms,
     conserving: bool,
     added: bool,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {

@@ -5,7 +5,6 @@
 //! [`StageScope`](fathom_gpu::StageScope), which writes the timestamps, and declares its work.
 
 pub mod compose;
-pub mod kit;
 pub mod prelude;
 pub mod refraction;
 mod shared;
@@ -138,10 +137,9 @@ mod tests {
     use std::fs;
     use std::path::{Path, PathBuf};
 
+    use fathom_base::embedded::{Folders, SHADERS};
+    use fathom_gpu::{link, shader_paths};
     use itertools::Itertools;
-
-    /// Folders that are no family: what all of them share.
-    const SHARED: [&str; 2] = ["kit", "shared"];
 
     fn entries(folder: &Path) -> Vec<PathBuf> {
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).sorted().collect()
@@ -152,10 +150,20 @@ mod tests {
     }
 
     #[test]
+    fn every_shader_links_and_validates_with_its_defaults() {
+        let folders = Folders::new(SHADERS);
+        let paths = shader_paths(&folders);
+        assert!(paths.contains(&"audit/loops".to_owned()), "{paths:?}");
+        for path in paths {
+            link(&folders, &path, &[]).unwrap_or_else(|error| panic!("{error}"));
+        }
+    }
+
+    #[test]
     fn no_stage_imports_a_stage_of_another_family() {
         let source = Path::new(env!("CARGO_MANIFEST_DIR"));
         let folders = entries(source).into_iter().filter(|path| path.is_dir());
-        let families: Vec<PathBuf> = folders.filter(|path| !SHARED.contains(&name(path))).collect();
+        let families: Vec<PathBuf> = folders.filter(|path| name(path) != "shared").collect();
         assert!(families.len() >= 14, "{families:?}");
         for family in &families {
             let others = families.iter().filter(|other| *other != family).map(|path| name(path));

@@ -4,8 +4,8 @@ use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
 use super::entry::{EntrySearch, water_iterations};
-use super::kit::host_bytes;
 use crate::prelude::*;
+use fathom_gpu::kit::host_bytes;
 use fathom_scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
 pub const INFO: StageInfo = StageInfo {
@@ -18,37 +18,50 @@ pub const INFO: StageInfo = StageInfo {
 const NOISE_SIZE: u32 = 256;
 
 shader_struct! {
-    /// `Frame` in `shaders/shared/uniforms.wgsl`.
     pub struct FrameUniforms {
         pub camera_view_projection: Mat4,
         pub camera_inverse: Mat4,
+        /// The camera mirrored about the resting water y = 0.
         pub mirror_view_projection: Mat4,
         pub light_view_projection: Mat4,
         pub light_inverse: Mat4,
+        /// From places of the photon grid, −1 … 1 along each side, and a depth to the world.
         pub photon_grid: Mat4,
         pub camera_position_m: Vec3,
         pub z_near_m: f32,
+        /// Direction of travel at the middle of the light frustum.
         pub light_forward: Vec3,
         pub z_far_m: f32,
         pub light_position_m: Vec3,
+        /// 1 for a point light, 0 for a directional one.
         pub light_is_point: u32,
+        /// Irradiance at normal incidence in the middle of the view, W/m².
         pub light_irradiance: f32,
+        /// Depth difference, in the light's depth range 0…1, that counts as an edge.
         pub light_depth_jump: f32,
         pub refractive_index: f32,
         pub attenuation_per_m: f32,
         pub water_center_m: Vec2,
         pub water_half_size_m: Vec2,
         pub water_amplitude_m: f32,
+        /// 2π / wavelength, 1/m.
         pub wavenumber_per_m: f32,
+        /// ω t, radians.
         pub phase: f32,
         pub noise_share: f32,
         pub noise_tile_m: f32,
+        /// Scroll of the noise along x, in tiles.
         pub noise_scroll: f32,
+        /// 0 circular, 1 directional; given water is compiled in.
         pub water_model: u32,
+        /// 1 where the camera is below the resting water.
         pub camera_under_water: u32,
+        /// How far the surface is from y = 0 at most.
         pub water_bound_m: f32,
+        /// Horizontal length of a step of the search for a ray's entry, and most steps.
         pub water_step_m: f32,
         pub water_steps: f32,
+        /// Tangent of the angle to the vertical up to which Newton's method finds a ray's entry.
         pub water_newton_slant: f32,
     }
 }

@@ -4,7 +4,7 @@ use crate::prelude::*;
 use fathom_reference::image::pixel_behind;
 use fathom_reference::picture::{SHAFT_TINT, WATER_TINT};
 use fathom_scene::{WaterModel, surface};
-use fathom_stages::compose::{self, ComposeInputs, PictureUniforms};
+use fathom_stages::compose::{self, ComposeInputs, ComposeUniforms};
 use fathom_stages::picture::Picture;
 
 const SIZE: [u32; 2] = [96, 64];
@@ -130,7 +130,7 @@ impl<'a> Composed<'a> {
             refraction: &self.refraction.texture,
         };
         let side = fixture.view.pixel_tangent(BUFFER);
-        let settings = PictureUniforms {
+        let settings = ComposeUniforms {
             caustics_scale: if self.conserving { side } else { SCALES[0] } as f32,
             godrays_scale: SCALES[1] as f32,
             occlusion_taps: self.taps,

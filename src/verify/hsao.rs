@@ -40,7 +40,7 @@ fn shade(
 
 fn method(buffer_px: [u32; 2]) -> HorizonUniforms {
     HorizonUniforms {
-        size_px: UVec2::from(buffer_px).as_vec2(),
+        size_px: buffer_px.into(),
         r_max_m: 1.0,
         layer_m: 0.5,
         directions: 16,

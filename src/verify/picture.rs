@@ -3,8 +3,8 @@
 use std::f64::consts::SQRT_2;
 
 use crate::prelude::*;
+use fathom_gpu::kit;
 use fathom_gpu::read_texture;
-use fathom_stages::kit;
 use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 

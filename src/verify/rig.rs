@@ -6,6 +6,7 @@ use std::ops::Deref;
 use glam::{DVec2, DVec3, UVec2};
 
 use super::{Result, VerifyError};
+use fathom_gpu::kit::{self, Resources};
 use fathom_gpu::{
     ColorTarget, DepthTarget, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
     read_texture,
@@ -17,7 +18,6 @@ use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, LightKind, Mesh, Object, Scene, WaterModel, Wave};
 use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
 use fathom_stages::scene::gbuffer;
 use fathom_stages::uniforms::{Shared, View};

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::compare::worker_process::{
     Quiet, ReplyWait, WorkerProcess, WorkerStart, allowed_cores,
 };
-use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::record::comparison::CellSubject;
 use serde_json::{Map, json};
 

@@ -3,12 +3,12 @@
 
 use fathom::clock::{Samples, accounting_error};
 use fathom::embedded::{Folder, Folders};
+use fathom::gpu::kit::{Bindings, Buffer, Dispatch, DrawPass, RenderSpec, Resources, opaque};
 use fathom::gpu::{
     ClockPlan, ColorTarget, DeviceError, FrameTimer, Gpu, GpuError, Options, StageScope,
     SubmitCost, Targets, TimedStage, count, read_buffer, read_texture,
 };
 use fathom::record::{Clock, FaultKind, PassKind};
-use fathom::stages::kit::{Bindings, Buffer, Dispatch, DrawPass, RenderSpec, Resources, opaque};
 
 /// Edge of the render stage's target in pixels, and invocations of the compute stage.
 const EDGE: u32 = 128;

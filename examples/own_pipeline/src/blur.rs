@@ -9,7 +9,6 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Blur` in `shaders/ripple/blur.wgsl`.
     pub struct BlurUniforms {
         pub radius_px: u32,
     }

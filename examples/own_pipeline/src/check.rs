@@ -1,10 +1,10 @@
 //! The checks of both stages against f64 twins, each with a control.
 
+use fathom::gpu::kit::Resources;
 use fathom::harness::verify::rig::{Rig, largest, noise};
 use fathom::harness::verify::{Case, Check, Result};
 use fathom::reference::image::{Image, pixels};
 use fathom::scene::SceneFile;
-use fathom::stages::kit::Resources;
 
 use crate::pipeline::Params;
 use crate::{blur, draw};

@@ -12,7 +12,6 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Ripples` in `shaders/ripple/draw.wgsl`.
     pub struct RippleUniforms {
         pub size_px: Vec2,
         pub wavelength: f32,

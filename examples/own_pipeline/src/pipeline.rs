@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use fathom::gpu::kit::Resources;
 use fathom::gpu::{Gpu, GpuError, read_texture};
 use fathom::pipelines::settings::Viewport;
 use fathom::pipelines::{Parameters, Pipeline, PipelineInstance};
 use fathom::scene::{Camera, Scene, SceneFile, Water};
-use fathom::stages::kit::Resources;
 
 use crate::{blur, draw};
 

@@ -1,7 +1,8 @@
 //! Passes whose work and results are known.
 
+use crate::kit::{Buffer, host_bytes};
 use crate::readback::{read_buffer, read_texture};
-use crate::{Gpu, GpuError, StageScope, TimedStage};
+use crate::{Gpu, GpuError, StageScope, TimedStage, shader_struct};
 use fathom_record::PassKind;
 
 /// Sums of ones are exact in 32-bit floats up to here.
@@ -10,6 +11,21 @@ pub(super) const MAX_TURNS: u32 = 1 << 24;
 pub(super) const READ_BYTES: u64 = 16;
 /// Sums of fragments may be off by this share.
 const TOLERANCE: f64 = 1e-6;
+
+shader_struct! {
+    pub(super) struct KernelWork {
+        pub turns: u32,
+        /// Both 1, which the compiler cannot know.
+        pub factor: f32,
+        pub addend: f32,
+    }
+}
+
+impl KernelWork {
+    pub(super) fn new(turns: u32) -> Self {
+        Self { turns, factor: 1.0, addend: 1.0 }
+    }
+}
 
 /// Encodes so many turns.
 type Encode = Box<dyn Fn(&mut StageScope<'_>, u32)>;
@@ -23,7 +39,7 @@ pub(super) struct BenchKernel {
     /// Timed as a frame of many passes of this kind, less the cost of its submission; else as a stage's pass.
     pub frame_of: Option<PassKind>,
     /// Holds the number of turns.
-    pub uniform: Option<wgpu::Buffer>,
+    pub uniform: Option<Buffer>,
     pub output: KernelOutput,
     /// What every value of the output is after so many turns.
     pub expected: Box<dyn Fn(u32) -> f64>,
@@ -39,11 +55,10 @@ pub(super) enum KernelOutput {
 }
 
 impl BenchKernel {
-    /// Sets the number of turns, and the ones that the compiler must not know.
+    /// Sets the number of turns.
     pub(super) fn prepare(&self, gpu: &Gpu, turns: u32) {
         if let Some(uniform) = &self.uniform {
-            let words = [turns, 1f32.to_bits(), 1f32.to_bits(), 0].map(u32::to_le_bytes);
-            gpu.queue.write_buffer(uniform, 0, words.as_flattened());
+            gpu.queue.write_buffer(uniform, 0, &host_bytes(&KernelWork::new(turns)));
         }
     }
 

@@ -90,8 +90,8 @@ fn kernel_of(gpu: &Gpu, limit: Limit) -> Result<BenchKernel, GpuError> {
         Limit::BlendUnorm8 => raster::fill(gpu, R8Unorm, true),
         Limit::BlendFloat32 => raster::fill(gpu, R32Float, true),
         Limit::SmallTriangles => raster::small_triangles(gpu),
-        Limit::Loads2d => load(gpu, "load_2d", (3, 1)),
-        Limit::Loads3d => load(gpu, "load_3d", (4, EDGE)),
+        Limit::Loads2d => load(gpu, "load_2d", (2, 1)),
+        Limit::Loads3d => load(gpu, "load_3d", (3, EDGE)),
         Limit::AtomicAdds => compute(gpu, KernelCode::new("add", OPERATIONS, OPERATIONS)),
         Limit::MultiplyAdds => compute(gpu, KernelCode::new("multiply_add", CHAINED, CHAINED)),
         Limit::EmptyPasses => {

@@ -1,7 +1,5 @@
 //! Parameters of the horizon-split pipeline, their defaults with sources, and their ranges.
 
-use glam::Vec2;
-
 use crate::Parameters;
 use crate::settings::{
     Animation, Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, Viewport, scaled,
@@ -62,7 +60,7 @@ settings! {
 impl Horizon {
     pub fn uniforms(&self, buffer_px: [u32; 2], r_max_m: f64) -> HorizonUniforms {
         HorizonUniforms {
-            size_px: Vec2::from(buffer_px.map(|side| side as f32)),
+            size_px: buffer_px.into(),
             r_max_m: r_max_m as f32,
             layer_m: (self.layer_share * r_max_m) as f32,
             directions: self.directions,

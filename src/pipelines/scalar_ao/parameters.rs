@@ -201,7 +201,7 @@ impl Scalar {
     pub fn uniforms(&self, size_px: [u32; 2], voxel_m: f64, r_max_m: f64) -> CastUniforms {
         let stratum_m = r_max_m / f64::from(self.samples);
         CastUniforms {
-            size_px: Vec2::from(size_px.map(|n| n as f32)),
+            size_px: size_px.into(),
             window: Vec2::from(self.window.map(|v| v as f32)),
             low_color: Vec3::from(self.low_color),
             ambient: self.ambient as f32,

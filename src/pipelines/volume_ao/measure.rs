@@ -4,12 +4,12 @@ use super::{Params, VolumeAo, voxelize};
 use crate::occlusion::OcclusionBuffers;
 use crate::settings::Update;
 use crate::{Pipeline, PipelineInstance, to_map};
+use fathom_gpu::kit::{Resources, When};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_scene::Scene;
 use fathom_stages::ao::march;
 use fathom_stages::ao::query::{self, SurfacePoint};
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::{Resources, When};
 use std::collections::BTreeMap;
 
 impl PipelineInstance for VolumeAo {

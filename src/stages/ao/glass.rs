@@ -14,9 +14,9 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Glass` in `shaders/ao/glass.wgsl`.
     pub struct GlassUniforms {
         pub exposure: f32,
+        /// Irradiance of the ambient light over that of the direct light.
         pub ambient: f32,
     }
 }

@@ -1,15 +1,15 @@
 //! `ao/march`: ambient occlusion of what the camera sees, by marching rays through volumes. VAO §3 step 3, §5.1.
 
-use glam::{DMat4, Vec2};
+use glam::{DMat4, UVec2};
 
 use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
 use crate::gbuffer::GBuffer;
-use crate::kit::{Canvas, Raster};
 use crate::marching::Marching;
 use crate::prelude::*;
 use crate::voxels::Voxels;
 use fathom_gpu::Gpu;
+use fathom_gpu::kit::{Canvas, Raster};
 use fathom_scene::Bounds;
 
 pub const INFO: StageInfo = StageInfo {
@@ -19,9 +19,9 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Target` in `shaders/ao/march.wgsl`.
     pub struct TargetUniforms {
-        pub size_px: Vec2,
+        /// Pixels of the occlusion buffer.
+        pub size_px: UVec2,
     }
 }
 
@@ -54,8 +54,8 @@ pub fn new(
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let mut defs = marching.defs();
     defs.push(("COUNT", i32::from(counters.is_some())));
-    let size = Vec2::new(size_px[0] as f32, size_px[1] as f32);
-    let uniforms = resources.uniform(INFO.name, &TargetUniforms { size_px: size });
+    let settings = TargetUniforms { size_px: size_px.into() };
+    let uniforms = resources.uniform(INFO.name, &settings);
     let inputs = Bindings::new(&[&uniforms, &gbuffer.depth, &gbuffer.normal]).and(counters);
     let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
     let passes = marching.passes(resources, volumes, pixels)?;

@@ -14,7 +14,6 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Point` in `shaders/ao/query.wgsl`.
     pub struct SurfacePoint {
         pub position_m: Vec3,
         /// Of unit length.

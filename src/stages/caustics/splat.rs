@@ -31,15 +31,21 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Splat` in `shaders/shared/splat.wgsl`.
     pub struct SplatUniforms {
+        /// Pixels of the caustics buffer.
         pub size_px: Vec2,
+        /// s = size_a_px + size_b_px_m / distance to the viewer (UW §3.3).
         pub size_a_px: f32,
         pub size_b_px_m: f32,
+        /// I_photon: flux of a photon, W.
         pub photon_w: f32,
+        /// Splats are tested this much nearer to the camera than their photon, so that the surface they lie on does not hide them.
+        /// SURFACE 1: pixels whose surface is this much farther than the splat are left out too.
         pub depth_bias_m: f32,
+        /// Steps of a fixed-point sum in a unit of intensity.
         pub steps: f32,
         pub photons: u32,
+        /// Photons that one instance of the rasterizer's index pattern draws.
         pub photons_per_instance: u32,
     }
 }

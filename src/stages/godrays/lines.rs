@@ -13,13 +13,17 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Lines` in `shaders/godrays/lines.wgsl`.
     pub struct LinesUniforms {
+        /// Pixels of the godray buffer.
         pub size_px: Vec2,
+        /// Its sides in squares of a pixel's area: lines are as wide in all directions, whatever the shape of pixels.
         pub square_px: Vec2,
         pub width_px: f32,
+        /// Schlick's k: −1 backward … 1 forward scattering.
         pub phase_k: f32,
+        /// I_photon: flux of a photon, W.
         pub photon_w: f32,
+        /// Photons that one instance of the index pattern draws.
         pub photons_per_instance: u32,
         pub photons: u32,
     }

@@ -1,7 +1,7 @@
 //! `hsao/march`: horizon-split ambient occlusion over the depth buffer. Dimitrov, Bavoil and Sainz, I3D 2008, with the
 //! changes of VAO §6.
 
-use glam::Vec2;
+use glam::UVec2;
 
 use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
@@ -16,15 +16,19 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `March` in `shaders/hsao/march.wgsl`.
     pub struct HorizonUniforms {
-        pub size_px: Vec2,
+        /// Pixels of the occlusion buffer.
+        pub size_px: UVec2,
         pub r_max_m: f32,
+        /// Difference of depth beyond which samples belong to another layer of surfaces.
         pub layer_m: f32,
         pub directions: u32,
+        /// Samples of depth along each direction.
         pub steps: u32,
+        /// Above the horizon, shared among the directions.
         pub rays: u32,
         pub ray_steps: u32,
+        /// Draws other numbers at every pixel; 0 leaves them as they are.
         pub seed: u32,
     }
 }
@@ -61,7 +65,7 @@ pub fn new(
     let own = Bindings::new(&[&march, &gbuffer.depth, &gbuffer.normal]).and(counters);
     let (groups, targets) = ([&shared.group, &own], [kit::opaque(VISIBILITY_FORMAT)]);
     let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
-    let size_px = settings.size_px.as_uvec2().to_array();
+    let size_px = settings.size_px.to_array();
     let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?;
     // Samples at most: the depth and normal of each pixel, and those of its directions and rays.
     let work = pass.work(2 + settings.samples_per_pixel(), 2);

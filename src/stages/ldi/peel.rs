@@ -2,9 +2,9 @@
 
 use crate::flat_triangles::FlatTriangles;
 use crate::geometry::{Geometry, Objects};
-use crate::kit::Layer;
 use crate::prelude::*;
 use crate::screen_ray::Layers;
+use fathom_gpu::kit::Layer;
 use fathom_scene::Scene;
 
 pub const INFO: StageInfo = StageInfo {

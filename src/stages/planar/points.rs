@@ -11,8 +11,8 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Points` in `shaders/planar/points.wgsl`.
     pub struct PointUniforms {
+        /// Flux of a photon in the middle of the light's frustum, W.
         pub photon_w: f32,
     }
 }

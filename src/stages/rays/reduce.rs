@@ -15,10 +15,11 @@ const WORKGROUP: u32 = 8;
 const LAST_WORKGROUP: u32 = 64;
 
 shader_struct! {
-    /// `Tile` in `shaders/rays/reduce.wgsl`.
     pub struct TileUniforms {
+        /// The photon of row 0.
         pub first: u32,
         pub photons: u32,
+        /// Most intersections of a ray that are kept.
         pub max_hits: u32,
     }
 }

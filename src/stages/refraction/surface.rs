@@ -16,12 +16,14 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Surface` in `shaders/refraction/surface.wgsl`.
     pub struct SurfaceUniforms {
         pub size_px: Vec2,
         pub exposure: f32,
+        /// Radiance of a shaft for each W in its pixel, 1/(m² sr).
         pub shaft_scale: f32,
+        /// Largest slope of the water's surface.
         pub steepest: f32,
+        /// Most steps of a line of sight towards it.
         pub searches: u32,
     }
 }

@@ -14,9 +14,10 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Trace` in `shaders/refraction/trace.wgsl`.
     pub struct ExitUniforms {
+        /// Surfaces that refract a ray.
         pub refractions: u32,
+        /// ENDS 1: the rectangle of pixels that have lines.
         pub first: UVec2,
         pub count: UVec2,
     }

@@ -20,17 +20,18 @@ pub const INFO: StageInfo = StageInfo {
 const STRIDE: usize = 7;
 
 shader_struct! {
-    /// `Deform` in `shaders/scene/deform.wgsl`.
     pub struct DeformUniforms {
         pub vertices: u32,
+        /// Cycles since time 0, their whole part left out.
         pub cycles: f32,
+        /// Share of an object's height, or turns.
         pub amplitude: f32,
     }
 }
 
 shader_struct! {
-    /// `Pivot` in `shaders/scene/deform.wgsl`.
     pub struct PivotUniforms {
+        /// Middle of the object's foot.
         pub foot_m: Vec3,
         pub height_m: f32,
     }

@@ -1,7 +1,7 @@
 //! `scene/gbuffer`: albedo, normal and depth from the camera. UW §3.2.
 
 use crate::gbuffer::GBuffer;
-use crate::geometry::Geometry;
+use crate::geometry::{self, Geometry};
 use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
@@ -19,7 +19,7 @@ pub fn new(
     let groups = [&shared.group, &Bindings::new(&[&geometry.materials])];
     let formats = [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba16Float];
     let targets = (&formats[..], 4 + 8 + 4);
-    let drawn = kit::scene_stage(resources, &INFO, &groups, geometry, targets, size_px)?;
+    let drawn = geometry::scene_stage(resources, &INFO, &groups, geometry, targets, size_px)?;
     let (colors, depth) = &drawn.output;
     let textures =
         GBuffer { albedo: colors[0].clone(), normal: colors[1].clone(), depth: depth.clone() };

@@ -1,6 +1,6 @@
 //! `shadow/depth`: scene depth from the light. UW §3 step 2a.
 
-use crate::geometry::Geometry;
+use crate::geometry::{self, Geometry};
 use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
@@ -17,7 +17,7 @@ pub fn new(
     size: u32,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let groups = [&shared.group];
-    let drawn = kit::scene_stage(resources, &INFO, &groups, geometry, (&[], 4), [size; 2])?;
+    let drawn = geometry::scene_stage(resources, &INFO, &groups, geometry, (&[], 4), [size; 2])?;
     let depth = drawn.output.1.clone();
     let meaning =
         "depth of the scene along the light, 0 near plane to 1 far plane; row 0 is ndc y = +1";

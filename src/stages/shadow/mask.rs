@@ -9,7 +9,6 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Mask` in `shaders/shadow/mask.wgsl`.
     pub struct MaskUniforms {
         pub cells: u32,
     }

@@ -12,10 +12,12 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Blur` in `shaders/shafts/blur.wgsl`.
     pub struct ShaftBlurUniforms {
+        /// (1, 0) along rows, (0, 1) along columns.
         pub along: IVec2,
+        /// Texels to either side.
         pub reach: i32,
+        /// −1 / (2 σ²), 1/px².
         pub falloff: f32,
     }
 }

@@ -11,8 +11,8 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Shafts` in `shaders/shafts/lines.wgsl`.
     pub struct ShaftUniforms {
+        /// Flux of a photon, W.
         pub photon_w: f32,
         pub photons: u32,
     }

@@ -23,15 +23,20 @@ pub const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R16Float
 pub const NO_NORMALS: f32 = 1000.0;
 
 shader_struct! {
-    /// `Filter` in `shaders/shared/bilateral.wgsl`.
     pub struct BilateralUniforms {
+        /// Pixels of the viewport.
         pub size_px: Vec2,
+        /// Texels of the buffer that is filtered.
         pub source_px: Vec2,
+        /// Metres that a pixel of the viewport spans at 1 m.
         pub pixel_tangent: f32,
         pub taps: u32,
+        /// Radius of the disc and standard deviation of its Gaussian, texels of the buffer that is filtered.
         pub radius_px: f32,
         pub sigma_px: f32,
+        /// Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
         pub depth_sigma: f32,
+        /// Standard deviation of the distance between the unit normals of a tap and of the pixel; from NO_NORMALS on they are not read.
         pub normal_sigma: f32,
     }
 }

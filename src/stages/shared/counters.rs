@@ -1,6 +1,6 @@
 //! Counters that a shader adds to, for figures of a frame that is run once more to count.
 
-use crate::kit::{Bind, Buffer, Resource, Resources};
+use fathom_gpu::kit::{Bind, Buffer, Resource, Resources};
 use fathom_gpu::{Gpu, GpuError, read_buffer};
 
 /// Partial sums of each counter, so that fragments do not queue for one: 64 bits each, the lower word first.

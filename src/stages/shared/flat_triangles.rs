@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable, cast_slice};
 use glam::Vec3;
 
 use crate::geometry::Objects;
-use crate::kit::{Buffer, Resources};
+use fathom_gpu::kit::{Buffer, Resources};
 use fathom_scene::{Mesh, Scene};
 
 /// Host twin of `Corner` in `shaders/ldi/peel.wgsl`.

@@ -6,8 +6,8 @@ use std::rc::Rc;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use crate::kit::{Buffer, Resources};
-use crate::shader_struct;
+use crate::prelude::*;
+use fathom_gpu::StageScope;
 use fathom_scene::{Material, Object, Optics, Scene};
 
 /// Host twin of `SceneVertex` in `shaders/shared/surface.wgsl`.
@@ -23,13 +23,16 @@ const ATTRIBUTES: [wgpu::VertexAttribute; 3] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Uint32];
 
 shader_struct! {
-    /// `Material` in `shaders/shared/surface.wgsl`.
     pub struct MaterialUniforms {
         pub albedo: Vec3,
+        /// Side of a world-space tile with joints in the accent colour; 0: plain.
         pub tile_m: f32,
         pub accent: Vec3,
+        /// Opacity.
         pub alpha: f32,
+        /// Reflectance of the glossy lobe.
         pub specular: f32,
+        /// As `fathom::optics` reads it.
         pub optics: f32,
     }
 }
@@ -249,6 +252,43 @@ impl Geometry {
 fn vertex_bytes(scene: &Scene) -> u64 {
     let count: usize = scene.objects.iter().map(|o| o.mesh.positions.len()).sum();
     count as u64 * size_of::<SceneVertex>() as u64
+}
+
+/// A stage that draws all opaque geometry with a depth test: a colour target of `size_px` for each format, cleared to transparent black,
+/// and a depth target. Without colours only positions are read. It leaves the colours and the depth. `texel_bytes` are those of a
+/// pixel of all targets.
+pub fn scene_stage(
+    resources: &Resources<'_>,
+    info: &'static StageInfo,
+    groups: &[&Bindings],
+    geometry: &Geometry,
+    (formats, texel_bytes): (&[wgpu::TextureFormat], u64),
+    size_px: [u32; 2],
+) -> Result<Stage<(Vec<wgpu::Texture>, wgpu::Texture)>, GpuError> {
+    let depth = resources.target(info.name, size_px, kit::DEPTH_FORMAT);
+    let states: Vec<_> = formats.iter().map(|format| kit::opaque(*format)).collect();
+    let spec = RenderSpec {
+        fragment: (!formats.is_empty()).then_some("fragment"),
+        buffers: &[Geometry::layout(formats.is_empty())],
+        depth: Some(Depth::nearest(&depth)),
+        ..RenderSpec::new(info.name, groups, &states)
+    };
+    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
+    let triangles = geometry.triangles_of(Objects::Opaque);
+    let work = Work {
+        triangles,
+        // Where nothing is drawn, nothing is read.
+        bytes_read: if triangles > 0 { geometry.bytes() } else { 0 },
+        bytes_written: kit::pixels(&depth) * texel_bytes,
+        ..Work::default()
+    };
+    // Other parts than the opaque one have some of the geometry's bytes.
+    let least = Work { bytes_read: 0, ..work };
+    let (colors, geometry) = (pass.textures().to_vec(), geometry.clone());
+    let encode = move |scope: &mut StageScope<'_>| {
+        pass.render(scope, |pass| geometry.draw(pass, Objects::Opaque));
+    };
+    Ok(Stage::new(info, work, encode).with_min_work(least).with_output((colors, depth)))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What `water/reflection` and `water/refraction` are: the scene lit without photons.
 
-use crate::geometry::Geometry;
+use crate::geometry::{self, Geometry};
 use crate::prelude::*;
 
 pub const REFLECTION: StageInfo = StageInfo {
@@ -25,7 +25,7 @@ pub fn new(
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let groups = [&shared.group, &Bindings::new(&[&geometry.materials])];
     let targets = (&[wgpu::TextureFormat::Rgba16Float][..], 8 + 4);
-    let drawn = kit::scene_stage(resources, info, &groups, geometry, targets, size_px)?;
+    let drawn = geometry::scene_stage(resources, info, &groups, geometry, targets, size_px)?;
     let radiance = drawn.0[0].clone();
     let mut columns = Column::many(["red", "green", "blue"], "W/(m² sr)", "radiance");
     columns.push(Column::new("covered", "1", "1 where geometry was drawn"));

@@ -15,7 +15,6 @@ const fn low_pass(name: &'static str) -> StageInfo {
 }
 
 shader_struct! {
-    /// `Filter` in `shaders/godrays/filter.wgsl`.
     pub struct FilterUniforms {
         pub taps: u32,
         pub radius_px: f32,
@@ -23,10 +22,10 @@ shader_struct! {
 }
 
 shader_struct! {
-    /// `Filter` in `shaders/caustics/filter.wgsl`.
     pub struct GuidedUniforms {
         pub taps: u32,
         pub radius_px: f32,
+        /// Distance of a tap's surface from the pixel's plane along the view up to which it counts, over the pixel's view depth.
         pub depth_share: f32,
     }
 }

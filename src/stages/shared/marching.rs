@@ -142,13 +142,16 @@ settings! {
 }
 
 shader_struct! {
-    /// `March` in `shaders/shared/marching.wgsl`.
     pub struct MarchUniforms {
         pub r_max: f32,
         pub step: f32,
+        /// First sample, or its distance from the surface's plane.
         pub guard: f32,
+        /// From the surface along its normal to where rays begin.
         pub offset: f32,
+        /// Look-ups of the volume are moved by this along each of its axes.
         pub shift: f32,
+        /// Above 1 no sample ends a ray.
         pub threshold: f32,
         pub rays: u32,
         pub seed: u32,

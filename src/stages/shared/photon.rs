@@ -4,9 +4,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use crate::kit::{Resource, square_workgroups};
 use crate::prelude::*;
 use crate::uniforms::View;
+use fathom_gpu::kit::{Resource, square_workgroups};
 use fathom_gpu::{Gpu, MAX_ITERATIONS, read_buffer};
 use fathom_scene::LightKind;
 
@@ -19,7 +19,7 @@ const fn trace(name: &'static str, source: &'static str) -> StageInfo {
 }
 
 shader_struct! {
-    /// A traced photon: `Photon` in `shaders/shared/photon.wgsl`.
+    /// A traced photon.
     #[repr(C)]
     #[derive(Copy, Pod, Zeroable)]
     pub struct Photon {
@@ -227,26 +227,31 @@ impl PhotonEstimator {
 }
 
 shader_struct! {
-    /// `Trace` in `shaders/shared/estimator.wgsl`.
     pub struct TraceUniforms {
+        /// Cells per side of the grid.
         pub grid: u32,
+        /// Photons per side of a cell, where the loop bound is a run-time value.
         pub side: u32,
+        /// PAPER, or another for the first crossing.
         pub estimator: u32,
         pub iterations: u32,
+        /// 1: photons are tested against the water mask.
         pub masked: u32,
+        /// Place of a photon within its share of the cell, 0…1; the middle is 0.5.
         pub offset: Vec2,
+        /// The paper's first estimate d0 of the distance from the surface.
         pub start_m: f32,
-        /// Residual up to which a photon counts as converged.
+        /// Residual up to which a photon counts as converged; only the host asks.
         pub tolerance_m: f32,
-        /// Share of its part of the cell in which a photon is strewn.
+        /// Share of its part of the cell in which a photon is strewn; 0: the grid is regular.
         pub jitter: f32,
-        /// Longest step of a search, in texels of the light's depth.
+        /// Longest step of the search for the first crossing, in texels of the light's depth.
         pub step_px: f32,
         /// Height below which there is nothing.
         pub bottom_m: f32,
-        /// Places looked up for a photon, about.
+        /// Places looked up for a photon, about; only the host asks.
         pub lookups: u32,
-        /// Turns of loops of a search at most; [`tracing`] sets it.
+        /// Most turns of loops of a search: more than `FEWEST_REFINED` crossings take. [`tracing`] sets it.
         pub search_turns: u32,
     }
 }

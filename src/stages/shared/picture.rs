@@ -16,10 +16,10 @@ pub struct Shafts<'a> {
 }
 
 shader_struct! {
-    /// `Picture` in `shaders/shared/picture.wgsl`.
     pub struct PictureUniforms {
         pub size_px: Vec2,
         pub exposure: f32,
+        /// What a unit of the stage's own light comes to: see the stage.
         pub scale: f32,
     }
 }

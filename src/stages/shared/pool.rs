@@ -6,9 +6,9 @@ use crate::prelude::*;
 pub const FACES: u32 = 5;
 
 shader_struct! {
-    /// `Pool` in `shaders/shared/pool.wgsl`: the pool below the water's rectangle.
+    /// The pool below the water's rectangle.
     pub struct Pool {
-        /// Depth of the floor under the resting water.
+        /// Depth of the floor under the resting water, metres.
         pub floor_depth_m: f32,
         /// Height of the walls' upper border in the map above the resting water: no photon enters higher.
         pub top_m: f32,

@@ -1,30 +1,37 @@
 //! What the stages of family `scalar` are: a view ray through the field for each pixel.
 
-use glam::{Vec2, Vec3};
+use glam::{UVec2, Vec2, Vec3};
 
-use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
 use crate::scalar_field::ScalarField;
 use crate::slices::{Slice, loop_bound, slices};
+use fathom_gpu::kit::{Canvas, Raster};
 
 shader_struct! {
-    /// `March` in `shaders/shared/ray_cast.wgsl`.
     pub struct CastUniforms {
-        pub size_px: Vec2,
+        pub size_px: UVec2,
+        /// Values at which opacity begins and is full.
         pub window: Vec2,
         pub low_color: Vec3,
+        /// Share of the light that comes evenly from all sides.
         pub ambient: f32,
         pub high_color: Vec3,
+        /// Step along view rays.
         pub view_step_m: f32,
         pub iso: f32,
         pub tolerance: f32,
+        /// V_thres: of the value on isosurfaces, of the windowed value in media.
         pub threshold: f32,
         pub rays: u32,
         pub samples: u32,
         pub r_max_m: f32,
+        /// r_max / N_samples.
         pub stratum_m: f32,
+        /// Level of the average pyramid whose cells are as long as a stratum.
         pub level: f32,
+        /// Of one voxel at the window's end.
         pub opacity: f32,
+        /// σ at the window's end, 1/m.
         pub density_per_m: f32,
     }
 }
@@ -80,7 +87,7 @@ pub(crate) fn new(
     if !normals {
         defs.push(("SLICED", i32::from(sliced)));
     }
-    let size_px = settings.size_px.as_uvec2().to_array();
+    let size_px = settings.size_px.to_array();
     let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
     let uniforms = resources.uniform(info.name, settings);
     let states = sliced.then(|| resources.storage("steps so far", pixels * STATE_BYTES));

@@ -9,12 +9,14 @@ use fathom_gpu::texture_bytes;
 use fathom_scene::Volume;
 
 shader_struct! {
-    /// `Field` in `shaders/shared/scalar_field.wgsl`.
     pub struct FieldUniforms {
         pub origin_m: Vec3,
+        /// v_s: edge of the cube that has a cell's volume.
         pub voxel_m: f32,
         pub size_m: Vec3,
+        /// Half a cell's diagonal, h of VAO Eq. 2.
         pub guard_m: f32,
+        /// Edges of a cell.
         pub spacing_m: Vec3,
     }
 }

@@ -3,13 +3,13 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec2, Vec2, Vec3};
 
-use crate::kit::Resource;
 use crate::photon::{Photon, Photons};
 use crate::prelude::*;
+use fathom_gpu::kit::Resource;
 use fathom_scene::Bounds;
 
 shader_struct! {
-    /// A texel of the transfer map: `Transfer` in `shaders/shared/transfer.wgsl`, metres.
+    /// A texel of SPT's transfer map: where a photon leaves its last specular surface, and in which direction. Metres.
     #[repr(C)]
     #[derive(Copy, Pod, Zeroable)]
     pub struct Transfer {
@@ -150,26 +150,32 @@ pub struct WalkRules {
 }
 
 shader_struct! {
-    /// `Walk` in `shaders/shared/screen_ray.wgsl`.
     pub struct WalkUniforms {
+        /// The scene's box, at which rays end.
         pub low_m: Vec3,
+        /// SPT §5: 0.01.
         pub tolerance_m: f32,
         pub high_m: Vec3,
+        /// Nothing is hit nearer to the start than this.
         pub start_m: f32,
+        /// Pixels of the layers.
         pub size_px: Vec2,
         pub layers: u32,
         pub photons: u32,
+        /// Fewest and most steps of a ray.
         pub min_steps: u32,
         pub max_steps: u32,
+        /// Photons of a tile: rows of the target that lines are drawn into.
         pub rows: u32,
+        /// Most intersections of a ray that are kept.
         pub max_hits: u32,
     }
 }
 
 shader_struct! {
-    /// `Sight` in `shaders/transfer/sight.wgsl`.
     pub struct SightUniforms {
         pub size_px: Vec2,
+        /// The rectangle of pixels that may show glass.
         pub first: UVec2,
         pub count: UVec2,
     }

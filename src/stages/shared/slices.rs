@@ -1,10 +1,10 @@
 //! Long loops in several passes: an invocation makes at most [`MAX_ITERATIONS`] turns.
 
-use crate::shader_struct;
 use fathom_gpu::MAX_ITERATIONS;
+use fathom_gpu::shader_struct;
 
 shader_struct! {
-    /// `Slice` in `shaders/shared/slice.wgsl`: the turns of one pass.
+    /// The turns of one pass.
     pub struct Slice {
         pub first: u32,
         /// Behind the last.

@@ -1,9 +1,9 @@
 //! What `godrays/lines` is, and `caustics/splat` where the rasterizer draws it: quads pulled from the photon buffer, drawn over the
 //! camera's depth and added up.
 
-use crate::kit::Raster;
 use crate::photon::Photons;
 use crate::prelude::*;
+use fathom_gpu::kit::Raster;
 
 /// Photons drawn by one instance of the index pattern: 16,384 vertices, so that 16-bit indices do, and few instances
 /// even for millions of photons.

@@ -6,9 +6,9 @@ use crate::prelude::*;
 use fathom_scene::Grid;
 
 shader_struct! {
-    /// `Grid` in `shaders/shared/voxels.wgsl`.
     pub struct GridUniforms {
         pub origin_m: Vec3,
+        /// Edge of a voxel.
         pub voxel_m: f32,
         pub cells: UVec3,
         /// Words of the bit volume.

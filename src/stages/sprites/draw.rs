@@ -14,15 +14,18 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Sprites` in `shaders/sprites/draw.wgsl`.
     pub struct SpriteUniforms {
         pub size_px: Vec2,
+        /// s of Eq. 1.
         pub radius_m: f32,
+        /// A pixel is lit when what it shows lies this near to the sprite's plane, along its line of sight.
         pub visible_m: f32,
-        pub rise_w_m3: f32,
+        /// Irradiance of a photon for each metre of s − r, W/m³.
+        pub irradiance_per_m: f32,
         pub photons_per_instance: u32,
         pub photons: u32,
         pub layers: u32,
+        /// Photons of a weight.
         pub per_ray: u32,
     }
 }
@@ -63,7 +66,7 @@ pub fn new(
         size_px: Vec2::from(size_px.map(|side| side as f32)),
         radius_m: sprite.radius_m as f32,
         visible_m: sprite.visible_m as f32,
-        rise_w_m3: sprite.rise_w_m3() as f32,
+        irradiance_per_m: sprite.rise_w_m3() as f32,
         photons_per_instance: PHOTONS_PER_INSTANCE,
         photons: photons.count,
         layers: layers.count(),

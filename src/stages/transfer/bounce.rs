@@ -11,10 +11,11 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Bounce` in `shaders/transfer/bounce.wgsl`.
     pub struct BounceUniforms {
+        /// Photons of this turn: the first, and how many.
         pub first: u32,
         pub rows: u32,
+        /// 1 behind the last way.
         pub last: u32,
     }
 }

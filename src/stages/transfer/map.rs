@@ -12,9 +12,10 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 shader_struct! {
-    /// `Map` in `shaders/transfer/map.wgsl`.
     pub struct MapUniforms {
+        /// Photons along the light's screen, to the right and upwards.
         pub grid: UVec2,
+        /// Place of a photon within its cell.
         pub offset: Vec2,
     }
 }

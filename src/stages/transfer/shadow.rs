@@ -1,6 +1,6 @@
 //! `transfer/shadow`: a ray from each pixel's surface back to the light. SPT §5.
 
-use glam::Vec2;
+use glam::UVec2;
 
 use crate::prelude::*;
 use crate::screen_ray::{Layers, Transfer, Transfers};
@@ -15,9 +15,8 @@ pub const INFO: StageInfo = StageInfo {
 const WORKGROUP: u32 = 8;
 
 shader_struct! {
-    /// `Shadow` in `shaders/transfer/shadow.wgsl`.
     pub struct ShadowUniforms {
-        pub size_px: Vec2,
+        pub size_px: UVec2,
         pub receivers_only: u32,
     }
 }
@@ -31,8 +30,7 @@ pub fn new(
 ) -> Result<Stage<Transfers>, GpuError> {
     let size = layers.size_px();
     let transfers = Transfers::new(resources, INFO.name, size[0].saturating_mul(size[1]));
-    let size_px = Vec2::from(size.map(|side| side as f32));
-    let settings = ShadowUniforms { size_px, receivers_only: receivers_only.into() };
+    let settings = ShadowUniforms { size_px: size.into(), receivers_only: receivers_only.into() };
     let uniforms = resources.uniform(INFO.name, &settings);
     let own = Bindings::new(&[&uniforms, &layers.depths, &layers.surfaces, &transfers]);
     let (groups, workgroups) = ([&shared.group, &own], kit::square_workgroups(size, WORKGROUP));

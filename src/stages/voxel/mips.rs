@@ -22,9 +22,9 @@ pub const INFO: StageInfo = StageInfo {
 const PART: [u32; 2] = [16, 4];
 
 shader_struct! {
-    /// `Level` in `shaders/voxel/mips.wgsl`.
     pub struct LevelUniforms {
         pub below: UVec3,
+        /// Where the rows of the level below start, in words.
         pub below_word: u32,
         pub size: UVec3,
         pub size_word: u32,

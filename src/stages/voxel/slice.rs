@@ -8,8 +8,8 @@ use std::ops::Range;
 use super::slicemap::SliceAxis;
 use super::{VoxelPart, bit_volumes};
 use crate::geometry::Geometry;
-use crate::kit::Raster;
 use crate::prelude::*;
+use fathom_gpu::kit::Raster;
 use fathom_gpu::{ColorTarget, Targets};
 
 pub const INFO: StageInfo = StageInfo {

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{VoxelPart, triangles, words};
 use crate::geometry::Geometry;
-use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
+use fathom_gpu::kit::{Canvas, Raster};
 use fathom_scene::Grid;
 
 pub const INFO_X: StageInfo =

@@ -28,10 +28,10 @@ const COLUMN_TURNS: u64 = 7;
 const STRETCH: f64 = 2.0;
 
 shader_struct! {
-    /// `Batch` in `shaders/shared/triangles.wgsl`.
     pub struct BatchUniforms {
         pub first_index: u32,
         pub triangles: u32,
+        /// Columns above which a triangle is large, and above which it is huge.
         pub small_columns: u32,
         pub large_columns: u32,
     }

@@ -1,8 +1,8 @@
 //! `voxel/view`: full voxels as cubes, seen from the camera. VAO Fig. 2.
 
-use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
 use crate::voxels::Voxels;
+use fathom_gpu::kit::{Canvas, Raster};
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/view",

@@ -1,8 +1,8 @@
 //! What the voxel cases voxelize, and volumes as lists of voxels.
 
 use crate::prelude::*;
+use fathom_gpu::kit::Resources;
 use fathom_reference::voxel::{Corners, triangles};
-use fathom_stages::kit::Resources;
 use fathom_stages::voxel::VoxelPart;
 use fathom_stages::voxel::slicemap::SliceAxis;
 use glam::Vec3Swizzles;

@@ -1,10 +1,7 @@
 // The mean of the square around each pixel; beyond the border its nearest texels repeat.
+#import fathom::host::{BlurUniforms}
 
-struct Blur {
-    radius_px: u32,
-}
-
-@group(0) @binding(0) var<storage, read> settings: Blur;
+@group(0) @binding(0) var<storage, read> settings: BlurUniforms;
 @group(0) @binding(1) var source: texture_2d<f32>;
 
 @fragment

@@ -1,12 +1,7 @@
 // Rings of ripples about the middle of the picture, added up.
+#import fathom::host::{RippleUniforms}
 
-struct Ripples {
-    size_px: vec2<f32>,
-    wavelength: f32,
-    rings: u32,
-}
-
-@group(0) @binding(0) var<storage, read> settings: Ripples;
+@group(0) @binding(0) var<storage, read> settings: RippleUniforms;
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

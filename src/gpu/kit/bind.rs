@@ -1,7 +1,8 @@
 //! Bind groups. What kind each binding is follows from the shader.
 
-use super::{Buffer, layout};
-use fathom_gpu::{Binding, BindingKind, GpuError, GroupKey, Shader};
+use super::Buffer;
+use crate::pipelines::GroupKey;
+use crate::{Binding, BindingKind, GpuError, Shader};
 
 /// What a shader can bind.
 pub trait Bind {
@@ -80,7 +81,7 @@ impl Bindings {
     /// The group as a shader's entry points of these stages bind it under this number, with its layout and what that was made from.
     ///
     /// # Errors
-    /// A resource of another kind than the shader's, and a struct that host and shader lay out differently.
+    /// A resource of another kind than the shader's, and another struct.
     pub(super) fn bound(
         &self,
         device: &wgpu::Device,
@@ -96,7 +97,6 @@ impl Bindings {
         let bound: Vec<(Binding, &Resource)> = of_group.filter_map(given).collect();
         let mut entries = Vec::new();
         for (binding, resource) in &bound {
-            layout::check(shader, binding, resource)?;
             entries.push(resource.layout_entry(shader, (binding, stages), device.features())?);
         }
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -128,7 +128,7 @@ impl Resource {
         features: wgpu::Features,
     ) -> Result<wgpu::BindGroupLayoutEntry, GpuError> {
         let ty = match (binding.kind, self) {
-            (BindingKind::Buffer(ty), Self::Buffer(_)) => {
+            (BindingKind::Buffer(ty), Self::Buffer(buffer)) if buffer.may_be(binding) => {
                 let (has_dynamic_offset, min_binding_size) = (false, None);
                 wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size }
             }
@@ -153,9 +153,10 @@ impl Resource {
                 wgpu::BindingType::Sampler(*of)
             }
             _ => {
-                let Binding { group, binding, kind, .. } = binding;
+                let Binding { group, binding, kind, structure, .. } = binding;
+                let of = structure.as_deref().map_or(String::new(), |name| format!(" of {name}"));
                 let message =
-                    format!("what is bound at group {group}, binding {binding} is no {kind:?}");
+                    format!("what is bound at group {group}, binding {binding} is no {kind:?}{of}");
                 return Err(GpuError::Shader { path: shader.path.clone(), message });
             }
         };

@@ -1,10 +1,10 @@
 //! Compute and render pipelines with what they bind, and the passes that stages consist of.
 
-use super::{Bindings, Resources, depth_state, layer_view, opaque, view};
-use crate::geometry::{Geometry, Objects};
-use fathom_gpu::{
-    CodeKey, ColorTarget, Demand, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
-    Stage, StageInfo, StageScope, Targets, compilation_options,
+use super::{Bindings, Resources, depth_state, layer_view, view};
+use crate::pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
+use crate::shader::compilation_options;
+use crate::{
+    ColorTarget, Demand, DepthTarget, GpuError, Shader, Stage, StageInfo, StageScope, Targets,
 };
 use fathom_record::Work;
 
@@ -13,6 +13,8 @@ use fathom_record::Work;
 pub struct Code<'a> {
     pub path: &'a str,
     pub defs: &'a [(&'a str, i32)],
+    /// Of a compute pipeline.
+    pub entry: &'a str,
 }
 
 impl Code<'_> {
@@ -23,19 +25,19 @@ impl Code<'_> {
 
 impl<'a> From<&'a str> for Code<'a> {
     fn from(path: &'a str) -> Self {
-        Self { path, defs: &[] }
+        Self { path, defs: &[], entry: "main" }
     }
 }
 
 impl<'a, const N: usize> From<(&'a str, &'a [(&'a str, i32); N])> for Code<'a> {
     fn from((path, defs): (&'a str, &'a [(&'a str, i32); N])) -> Self {
-        Self { path, defs }
+        Self { path, defs, entry: "main" }
     }
 }
 
 impl<'a> From<(&'a str, &'a [(&'a str, i32)])> for Code<'a> {
     fn from((path, defs): (&'a str, &'a [(&'a str, i32)])) -> Self {
-        Self { path, defs }
+        Self { path, defs, entry: "main" }
     }
 }
 
@@ -81,7 +83,7 @@ impl Linked {
 
 const PLANNED: &str = "a planned pipeline is never run";
 
-/// A compute pipeline with entry point `main`, its groups and a number of workgroups.
+/// A compute pipeline, its groups and a number of workgroups.
 pub struct Dispatch {
     /// None on a planner.
     pipeline: Option<(wgpu::ComputePipeline, Vec<wgpu::BindGroup>)>,
@@ -103,13 +105,14 @@ impl Dispatch {
             return Ok(Self { pipeline: None, workgroups });
         }
         let linked = Linked::new(resources, code, wgpu::ShaderStages::COMPUTE, groups)?;
-        let key = KernelKey { code: code.key(), groups: linked.keys.clone() };
+        let entry = code.entry.to_owned();
+        let key = KernelKey { code: code.key(), entry, groups: linked.keys.clone() };
         let make = || {
             let descriptor = wgpu::ComputePipelineDescriptor {
                 label: Some(code.path),
                 layout: Some(&linked.layout(resources)),
                 module: &linked.shader.module,
-                entry_point: Some("main"),
+                entry_point: Some(code.entry),
                 compilation_options: compilation_options(),
                 cache: None,
             };
@@ -158,7 +161,7 @@ pub fn square_workgroups(size_px: [u32; 2], side: u32) -> [u32; 3] {
     [x, y, 1]
 }
 
-/// What distinguishes one render pipeline from another, and what it binds. No culling.
+/// What distinguishes one render pipeline from another, and what it binds.
 #[derive(Clone)]
 pub struct RenderSpec<'a> {
     /// The stage's name.
@@ -171,6 +174,7 @@ pub struct RenderSpec<'a> {
     pub targets: &'a [wgpu::ColorTargetState],
     pub depth: Option<Depth<'a>>,
     pub topology: wgpu::PrimitiveTopology,
+    pub cull_mode: Option<wgpu::Face>,
 }
 
 /// How depth is tested, and against which.
@@ -198,7 +202,7 @@ impl<'a> Depth<'a> {
 }
 
 impl<'a> RenderSpec<'a> {
-    /// Triangles, entry points `vertex` and `fragment`, no vertex buffers, no depth.
+    /// Triangles, none culled, entry points `vertex` and `fragment`, no vertex buffers, no depth.
     pub fn new(
         code: impl Into<Code<'a>>,
         groups: &'a [&'a Bindings],
@@ -215,7 +219,13 @@ impl<'a> RenderSpec<'a> {
             targets,
             depth: None,
             topology: wgpu::PrimitiveTopology::TriangleList,
+            cull_mode: None,
         }
+    }
+
+    fn primitive(&self) -> wgpu::PrimitiveState {
+        let Self { topology, cull_mode, .. } = *self;
+        wgpu::PrimitiveState { topology, cull_mode, ..Default::default() }
     }
 
     fn key(&self, groups: &[GroupKey]) -> RasterKey {
@@ -230,7 +240,7 @@ impl<'a> RenderSpec<'a> {
                 .collect(),
             targets: self.targets.to_vec(),
             depth: self.depth.map(|depth| depth_state(depth.compare, depth.write)),
-            topology: self.topology,
+            primitive: self.primitive(),
         }
     }
 }
@@ -270,7 +280,7 @@ impl Raster {
                 compilation_options: compilation_options(),
                 buffers: &buffers,
             },
-            primitive: wgpu::PrimitiveState { topology: spec.topology, ..Default::default() },
+            primitive: spec.primitive(),
             depth_stencil: spec.depth.map(|depth| depth_state(depth.compare, depth.write)),
             multisample: wgpu::MultisampleState::default(),
             fragment: spec.fragment.map(|entry| wgpu::FragmentState {
@@ -471,43 +481,6 @@ impl DrawPass {
 /// Covers the targets with one triangle.
 pub fn draw_fullscreen(pass: &mut wgpu::RenderPass<'_>) {
     pass.draw(0..3, 0..1);
-}
-
-/// A stage that draws all opaque geometry with a depth test: a colour target of `size_px` for each format, cleared to transparent black,
-/// and a depth target. Without colours only positions are read. It leaves the colours and the depth. `texel_bytes` are those of a
-/// pixel of all targets.
-pub fn scene_stage(
-    resources: &Resources<'_>,
-    info: &'static StageInfo,
-    groups: &[&Bindings],
-    geometry: &Geometry,
-    (formats, texel_bytes): (&[wgpu::TextureFormat], u64),
-    size_px: [u32; 2],
-) -> Result<Stage<(Vec<wgpu::Texture>, wgpu::Texture)>, GpuError> {
-    let depth = resources.target(info.name, size_px, super::DEPTH_FORMAT);
-    let states: Vec<_> = formats.iter().map(|format| opaque(*format)).collect();
-    let spec = RenderSpec {
-        fragment: (!formats.is_empty()).then_some("fragment"),
-        buffers: &[Geometry::layout(formats.is_empty())],
-        depth: Some(Depth::nearest(&depth)),
-        ..RenderSpec::new(info.name, groups, &states)
-    };
-    let pass = DrawPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
-    let triangles = geometry.triangles_of(Objects::Opaque);
-    let work = Work {
-        triangles,
-        // Where nothing is drawn, nothing is read.
-        bytes_read: if triangles > 0 { geometry.bytes() } else { 0 },
-        bytes_written: pixels(&depth) * texel_bytes,
-        ..Work::default()
-    };
-    // Other parts than the opaque one have some of the geometry's bytes.
-    let least = Work { bytes_read: 0, ..work };
-    let (colors, geometry) = (pass.canvas.textures.clone(), geometry.clone());
-    let encode = move |scope: &mut StageScope<'_>| {
-        pass.render(scope, |pass| geometry.draw(pass, Objects::Opaque));
-    };
-    Ok(Stage::new(info, work, encode).with_min_work(least).with_output((colors, depth)))
 }
 
 #[cfg(test)]

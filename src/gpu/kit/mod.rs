@@ -1,20 +1,20 @@
 //! What stages are built with: resources whose sizes are declared once, bind groups, passes.
 
 mod bind;
-mod layout;
 mod pass;
 mod resources;
+mod shader_struct;
 
-use fathom_gpu::Gpu;
+use crate::Gpu;
 
 pub use bind::{Bind, Bindings, Layer, Nearest, Resource};
-pub use fathom_gpu::StructLayout;
-pub use layout::{FieldType, ShaderStruct, host_bytes};
 pub use pass::{
     Canvas, Code, Depth, Dispatch, DrawPass, Raster, RenderSpec, draw_fullscreen,
-    linear_workgroups, pixels, scene_stage, size_px, square_workgroups,
+    linear_workgroups, pixels, size_px, square_workgroups,
 };
 pub use resources::{Buffer, PipelineParts, Resources, When};
+pub(crate) use shader_struct::host_module;
+pub use shader_struct::{ShaderStruct, SharedStruct, WgslType, host_bytes};
 
 pub fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())

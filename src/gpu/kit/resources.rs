@@ -8,7 +8,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 
 use super::{Bindings, Nearest, ShaderStruct, host_bytes};
-use fathom_gpu::{Capacity, Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
+use crate::{Binding, Capacity, Demand, Gpu, GpuError, Stage, texture_bytes};
 use fathom_record::Work;
 
 /// Bytes of a buffer on a planner: enough for every binding.
@@ -57,13 +57,20 @@ pub struct PipelineParts {
 pub struct Buffer {
     raw: wgpu::Buffer,
     bytes: u64,
-    pub(super) layout: Option<Rc<StructLayout>>,
+    /// The struct that it holds, alone or in an array, where that is known.
+    structure: Option<String>,
 }
 
 impl Buffer {
     /// Bytes.
     pub fn size(&self) -> u64 {
         self.bytes
+    }
+
+    /// Whether a shader's binding holds the same struct, as far as both are known.
+    pub(super) fn may_be(&self, binding: &Binding) -> bool {
+        let [host, shader] = [&self.structure, &binding.structure];
+        host.is_none() || shader.is_none() || host == shader
     }
 
     /// The wgpu buffer, for holders that outlive the resources.
@@ -247,7 +254,7 @@ impl<'g> Resources<'g> {
         self.texture(label, (wgpu::TextureDimension::D3, size), format, usage, levels)
     }
 
-    fn texture(
+    pub(crate) fn texture(
         &self,
         label: &str,
         (dimension, size): (wgpu::TextureDimension, wgpu::Extent3d),
@@ -323,7 +330,7 @@ impl<'g> Resources<'g> {
         })
     }
 
-    /// A uniform buffer. Shaders that it is bound to must lay the struct out as the host does.
+    /// A uniform buffer.
     pub fn uniform<T: ShaderStruct>(&self, label: &str, value: &T) -> Buffer {
         self.one(label, value, wgpu::BufferUsages::UNIFORM)
     }
@@ -337,7 +344,7 @@ impl<'g> Resources<'g> {
 
     fn one<T: ShaderStruct>(&self, label: &str, value: &T, usage: wgpu::BufferUsages) -> Buffer {
         T::assert_uniform_compat();
-        Buffer { layout: Some(T::layout().into()), ..self.filled(label, &host_bytes(value), usage) }
+        Buffer { structure: Some(T::wgsl()), ..self.filled(label, &host_bytes(value), usage) }
     }
 
     /// A storage buffer that holds these structs.
@@ -349,17 +356,12 @@ impl<'g> Resources<'g> {
         let mut bytes = StorageBuffer::new(Vec::new());
         bytes.write(&values).expect("a Vec grows to whatever a shader type needs");
         let usage = usage | wgpu::BufferUsages::STORAGE;
-        Buffer {
-            layout: Some(T::layout().into()),
-            ..self.filled(label, &bytes.into_inner(), usage)
-        }
+        Buffer { structure: Some(T::wgsl()), ..self.filled(label, &bytes.into_inner(), usage) }
     }
 
     /// A storage buffer with room for so many structs, as [`Self::storage`] makes it.
     pub fn struct_storage<T: ShaderStruct>(&self, label: &str, count: u64) -> Buffer {
-        let layout = T::layout();
-        let bytes = count * u64::from(layout.span);
-        Buffer { layout: Some(layout.into()), ..self.storage(label, bytes) }
+        Buffer { structure: Some(T::wgsl()), ..self.storage(label, count * T::min_size().get()) }
     }
 
     /// A buffer with content; it can be rewritten.
@@ -380,7 +382,7 @@ impl<'g> Resources<'g> {
             return self.buffer(label, bytes, usage);
         }
         self.note_buffer(label, bytes, usage);
-        Buffer { raw: self.gpu.filled(label, &content(), usage), bytes, layout: None }
+        Buffer { raw: self.gpu.filled(label, &content(), usage), bytes, structure: None }
     }
 
     /// A storage buffer that shaders fill, the host can read back, and tests can fill.
@@ -396,7 +398,7 @@ impl<'g> Resources<'g> {
         let size = if self.gpu.is_planner() { PLANNED_BYTES } else { bytes };
         let descriptor =
             wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
-        Buffer { raw: self.gpu.device.create_buffer(&descriptor), bytes, layout: None }
+        Buffer { raw: self.gpu.device.create_buffer(&descriptor), bytes, structure: None }
     }
 
     fn hold<'d>(&self, demand: &'d mut Demand, what: &str, bytes: u64) -> &'d mut Demand {
