@@ -1,5 +1,5 @@
 // Joint bilateral filter and up-scaling of an ambient-occlusion buffer: VAO §6, after Kopf et al., Joint Bilateral
-// Upsampling, 2007. Host twin of `Filter`: src/stages/shared/bilateral.rs.
+// Upsampling, 2007. Host twin: src/stages/shared/bilateral.rs.
 #define_import_path fathom::bilateral
 
 #import fathom::host::{BilateralUniforms}

@@ -1,7 +1,6 @@
 //! Long loops in several passes: an invocation makes at most [`MAX_ITERATIONS`] turns.
 
-use fathom_gpu::MAX_ITERATIONS;
-use fathom_gpu::shader_struct;
+use fathom_gpu::{MAX_ITERATIONS, shader_struct};
 
 shader_struct! {
     /// The turns of one pass.
