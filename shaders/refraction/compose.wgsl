@@ -7,6 +7,7 @@
 #import fathom::picture::{depths, display, lambert, normal_at, seen_at}
 #import fathom::screen_ray::{distance_at, to_pixel, segment}
 #import fathom::shading::{SKY_SHARE, to_light}
+#import fathom::shading
 #import fathom::surface_plane::{plane_at}
 #import fathom::transfer::{FIRST, NO_HIT}
 
