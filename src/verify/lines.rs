@@ -184,7 +184,7 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
         rig.run_until(&pipeline, STAGE)?;
         let about = pipeline.context(STAGE);
         let number = |of: &str, name: &str| about[of][name].as_f64().unwrap_or(f64::NAN);
-        let (view, photon) = (&pipeline.view, &pipeline.godrays.photons.read(rig.gpu)?[0]);
+        let (view, photon) = (&pipeline.view, &rig.read_photons(&pipeline.godrays.photons)?[0]);
         let matrix = params.camera.view_projection(view.aspect());
         let rays = PixelRays::of_matrix(matrix, buffer[0], buffer[1]);
         let ends = [photon.entry(), photon.hit()];

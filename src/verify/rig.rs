@@ -164,6 +164,10 @@ impl<'g> Rig<'g> {
         Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel))
     }
 
+    pub fn read_photons(&self, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
+        photons.read(self.gpu)
+    }
+
     /// What a buffer holds.
     pub fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>, GpuError> {
         Ok(bytemuck::pod_collect_to_vec(&read_buffer(self.gpu, buffer)?))

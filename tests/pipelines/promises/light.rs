@@ -204,7 +204,7 @@ impl Traced {
         rig.run_until(&pipeline, CAUSTICS.name).unwrap();
         let (frame, tracer) = (pipeline.view.light_frame(), Tracer::new(&scene.objects));
         let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
-        let photons = pipeline.caustics.photons.read(gpu).unwrap();
+        let photons = rig.read_photons(&pipeline.caustics.photons).unwrap();
         Self { frame, grid, tracer, photons, landings }
     }
 }
