@@ -268,24 +268,13 @@ fn merge(all: &mut Vec<&'static StageInfo>, frame: Vec<&'static StageInfo>) {
 
 #[cfg(test)]
 mod tests {
-    use itertools::Itertools;
-
     use super::*;
 
     #[test]
     fn stages_of_a_pipeline_stand_in_frame_order() {
-        let catalog = Catalog::builtin();
-        let names = |pipeline: &str| -> Vec<&str> {
-            catalog.stages_of(pipeline).unwrap().into_iter().map(|stage| stage.name).collect()
-        };
+        let stages = Catalog::builtin().stages_of("hsao").unwrap();
+        let names: Vec<&str> = stages.into_iter().map(|stage| stage.name).collect();
         let hsao = "uniforms scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose ao/glass";
-        assert_eq!(names("hsao").join(" "), hsao);
-        let volume_ao = names("volume_ao");
-        let place = |name: &str| volume_ao.iter().position(|stage| *stage == name).unwrap();
-        let order =
-            "scene/deform voxel/clear voxel/slicemap-x voxel/unpack voxel/mips ao/march".split(' ');
-        for (before, after) in order.tuple_windows() {
-            assert!(place(before) < place(after), "{before}, {after}: {volume_ao:?}");
-        }
+        assert_eq!(names.join(" "), hsao);
     }
 }

@@ -230,23 +230,11 @@ fn every_format_is_read_back_whatever_its_row_length() {
         }
     }
     let texture = texture(&gpu, 4, 4, Format::Rg16Float);
-    assert!(matches!(
-        read_texture(&gpu, &texture),
-        Err(GpuError::Device(DeviceError::ReadBack(_)))
-    ));
-}
-
-#[test]
-fn a_buffer_is_read_back() {
-    let gpu = open();
-    let source = buffer(&gpu, 12, wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST);
-    gpu.queue.write_buffer(&source, 0, b"twelve bytes");
-    assert_eq!(read_buffer(&gpu, &source).expect("it is read"), b"twelve bytes");
+    let of_texture = read_texture(&gpu, &texture).err();
+    assert!(matches!(of_texture, Some(GpuError::Device(DeviceError::ReadBack(_)))));
     let unreadable = buffer(&gpu, 12, wgpu::BufferUsages::STORAGE);
-    assert!(matches!(
-        read_buffer(&gpu, &unreadable),
-        Err(GpuError::Device(DeviceError::Validation(_)))
-    ));
+    let of_buffer = read_buffer(&gpu, &unreadable);
+    assert!(matches!(of_buffer, Err(GpuError::Device(DeviceError::Validation(_)))));
 }
 
 #[test]

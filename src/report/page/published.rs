@@ -204,11 +204,8 @@ mod tests {
     /// A run at the published sizes.
     fn records(software: bool) -> Vec<Record> {
         let mut records = fixtures::profile(Profile::Paper);
-        for record in &mut records {
-            if let Record::Run(run) = record {
-                run.adapter.software = software;
-            }
-        }
+        let runs = records.iter_mut().filter_map(Record::try_as_run_mut);
+        runs.for_each(|run| run.adapter.software = software);
         records
     }
 

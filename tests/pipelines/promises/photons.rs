@@ -8,7 +8,7 @@ use fathom::pipelines::shadow_rays::ShadowRays;
 use fathom::reference::optics::refract;
 use fathom::reference::rays::PixelRays;
 use fathom::scene::{Camera, Mesh, Object, Scene};
-use fathom::stages::photon::{Fate, Photon, Photons};
+use fathom::stages::photon::{Fate, Photon};
 use fathom::stages::screen_ray::HitTest;
 use fathom::verify::rig::Random;
 use glam::{DMat4, DQuat, DVec3};
@@ -24,18 +24,8 @@ fn floor(half_m: f64) -> Object {
     Object::new("floor", Mesh::parallelogram(middle, DVec3::Z * half_m, DVec3::X * half_m))
 }
 
-fn set_objects(scene: &mut Scene, objects: Vec<Object>) {
-    scene.objects = objects;
-    let of_objects = scene.objects.iter().map(|object| object.mesh.bounds());
-    scene.bounds = of_objects.fold(scene.bounds, |all, one| all.union(one));
-}
-
-fn stored(gpu: &Gpu, photons: &Photons) -> Vec<Photon> {
-    photons.read(gpu).unwrap()
-}
-
 fn photons(gpu: &Gpu, scene: &Scene, params: &Params) -> Vec<Photon> {
-    stored(gpu, &built::<PhotonTracing>(gpu, scene, params).photons)
+    built::<PhotonTracing>(gpu, scene, params).photons.read(gpu).unwrap()
 }
 
 /// Share of the photons that end elsewhere: by more than a millimetre, or in another state.
@@ -76,7 +66,7 @@ fn no_photon_on_a_level_floor_in_view_is_lost() {
              transfer.grid=[40,40] water.amplitude_m=0 water.half_size_m=[240,240]"
         );
         let (mut scene, mut params) = prepared::<PhotonTracing>(&gpu, "plane", &set);
-        set_objects(&mut scene, vec![floor(4.0 * far_m)]);
+        scene = scene.with_objects(vec![floor(4.0 * far_m)]);
         let pitch_deg = random.within(2.0, 10.0);
         params.camera = camera(&mut random, pitch_deg, far_m);
         params.light.direction = [random.within(-1.0, 1.0), -1.0, random.within(-1.0, 1.0)];
@@ -164,10 +154,9 @@ fn shared_and_split_corners_give_the_same_photons_and_shadows() {
         let aside = DMat4::from_translation(DVec3::X * 0.1);
         let beside = shared.iter().map(|mesh| mesh.clone().transformed(&aside)).collect();
         let [shared, by_triangle, beside] = [shared, by_triangle, beside].map(|meshes| {
-            set_objects(&mut wet, with_floor(&meshes));
-            set_objects(&mut dry, with_floor(&meshes));
+            [wet, dry] = [&wet, &dry].map(|scene| scene.with_objects(with_floor(&meshes)));
             let shadows = built::<ShadowRays>(&gpu, &dry, &dry_params);
-            [photons(&gpu, &wet, &wet_params), stored(&gpu, &shadows.photons)]
+            [photons(&gpu, &wet, &wet_params), shadows.photons.read(&gpu).unwrap()]
         });
         for kind in [0, 1] {
             assert_eq!(unlike(&by_triangle[kind], &shared[kind]), 0.0, "draw {seed}, {kind}");
@@ -198,7 +187,7 @@ fn lines_end_photons_where_marching_does() {
             number(0.0, 2.0) == 1,
         );
         let (mut scene, mut params) = prepared::<PhotonTracing>(&gpu, "plane", &set);
-        set_objects(&mut scene, with_floor(&boxes(&mut random)));
+        scene = scene.with_objects(with_floor(&boxes(&mut random)));
         let found = [WalkMethod::Lines, WalkMethod::March].map(|method| {
             params.rays.method = method;
             photons(&gpu, &scene, &params)
