@@ -81,6 +81,9 @@ pub enum ThrottleReason {
     Prochot,
     /// The driver tells that clocks are held down, and not why.
     Unspecified,
+    /// A word of a worker that is no build of fathom.
+    #[serde(untagged)]
+    Other(String),
 }
 
 impl ThrottleReason {
@@ -146,7 +149,7 @@ mod tests {
         let harmless = [GpuIdle, ApplicationsClocksSetting, SyncBoost, DisplayClockSetting];
         assert!(!state(&harmless).is_throttled());
         assert_eq!(Throttling::from_states(&[state(&harmless), state(&[])]), None);
-        for reason in [SwPowerCap, ThermalLimit, Unspecified] {
+        for reason in [SwPowerCap, ThermalLimit, Unspecified, Other("own".to_owned())] {
             assert!(state(&[GpuIdle, reason.clone()]).is_throttled(), "{reason:?}");
         }
     }
@@ -157,5 +160,18 @@ mod tests {
         let states = [state(&[GpuIdle, SwPowerCap]), state(&[GpuIdle]), state(&[ThermalLimit])];
         let found = Throttling::from_states(&states).unwrap();
         assert_eq!(found.to_string(), "2 of 3 samples (sw power cap, thermal limit)");
+    }
+
+    #[test]
+    fn words_of_other_workers_are_read() {
+        let line = r#"{"clock_mhz":900.0,"throttle":["gpu_idle","hw_power_brake_slowdown","board_limit"]}"#;
+        let read: MachineState = serde_json::from_str(line).unwrap();
+        let expected = [
+            ThrottleReason::GpuIdle,
+            ThrottleReason::HwPowerBrakeSlowdown,
+            ThrottleReason::Other("board_limit".to_owned()),
+        ];
+        assert_eq!(read.throttle, expected);
+        assert_eq!(serde_json::to_string(&read).unwrap(), line);
     }
 }
