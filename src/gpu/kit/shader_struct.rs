@@ -96,6 +96,8 @@ pub fn host_bytes<T: ShaderType + WriteInto>(value: &T) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kit::{Bindings, Dispatch, Resources};
+    use crate::{Gpu, Options};
     use wgpu::naga;
 
     shader_struct! {
@@ -127,5 +129,15 @@ mod tests {
         let host = Outer::METADATA;
         assert!(members.iter().map(|member| u64::from(member.offset)).eq(host.extra.offsets));
         assert_eq!(u64::from(*span), host.min_size().get());
+    }
+
+    #[test]
+    fn another_struct_than_the_shaders_own_is_refused() {
+        let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+        let resources = Resources::new(&gpu);
+        let other = resources.uniform("test", &Inner { place: glam::UVec3::ONE, size: 1.0 });
+        let group = Bindings::new(&[&other, &resources.storage("test", 8)]);
+        let refused = Dispatch::new(&resources, "audit/loops", &[&group], [1; 3]).err().unwrap();
+        assert!(refused.to_string().contains("of LoopLengths"), "{refused}");
     }
 }
