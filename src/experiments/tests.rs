@@ -257,12 +257,12 @@ fn broken_files_are_told_in_one_line() {
         (swept.replace("paper = [100, 200, 400]\n", ""), "`quick` and `paper`"),
         (swept.replace("label = \"small\", ", ""), "must be { label"),
         (swept.replace("\"own\"", "\"Own!\""), "lower-case"),
-        (
-            claim(r#"ratio = { y = "stage:a", over = "none", high = 1.1 }"#),
-            "which is no axis",
-        ),
+        (claim(r#"ratio = { y = "stage:a", over = "none", high = 1.1 }"#), "which is no axis"),
         (claim(r#"within = { y = "speed", low = 1 }"#), "unknown measure `speed`"),
-        (claim(r#"ratio = { y = "stage:a", over = "size", low = 0.5 }"#), "needs `high` and no `low`"),
+        (
+            claim(r#"ratio = { y = "stage:a", over = "size", low = 0.5 }"#),
+            "without a numerator needs `high`",
+        ),
         (claim(r#"ratio = { y = "stage:a", numerator = 1, high = 2 }"#), "that are tables"),
         (format!("{swept}[method]\npublication = 1"), "method of publication 1 is not known"),
     ];
