@@ -7,7 +7,7 @@
 //! - *Supported*: the interval of every comparison lies inside its band.
 //! - *Contradicted*: the interval of some comparison lies outside its band. This interval is widened for the number of
 //!   comparisons (Bonferroni), because one of many misses more often than one alone.
-//! - *Near the bound*: the publication prints no number, so that the bound is our own, and some figure is not told from it: its
+//! - *Near the bound*: the publication prints no number, so that the bound is our own, and some figure is too near to it: its
 //!   interval holds the bound, or it has none and lies within a tenth of the bound, and a quarter of a band with two.
 //! - *Inconclusive*: none of these. The reason names the number of samples that would settle it.
 //! - *Not run*: a figure is missing, or the sizes or the adapter do not allow the test.
@@ -99,7 +99,7 @@ pub struct Ruling {
     pub is_quick: bool,
     /// The figures that decided, with their intervals; why it was not run; or what would settle it.
     pub reason: String,
-    /// The fewest samples of a figure. None where all are exact or there is none.
+    /// Smallest number of samples of a figure. None where all are exact or there is none.
     pub n: Option<usize>,
     /// The figures that decided, the furthest outside its band or the nearest to its bound first. Empty where it was not run.
     pub deciding: Vec<RuledFigure>,
@@ -146,7 +146,7 @@ impl Ruling {
 /// Comparisons that a test asks for, or why it cannot be run.
 type Tested = Result<Vec<BoundCheck>, String>;
 
-/// Groups of cells that a claim is tested on; nobody reads the findings of more.
+/// Groups of cells that a claim is tested on, at most: the findings of more cannot be read.
 const MAX_GROUPS: usize = 200;
 
 impl Experiment {

@@ -30,17 +30,15 @@ pub fn distances(cells: &[CellSettings<'_>]) -> Vec<Distance> {
     };
     let all: Vec<_> = cells.iter().map(settings).collect();
     let counts = all.iter().flatten().counts();
-    let mut most: HashMap<&str, usize> = HashMap::new();
+    let mut max_counts: HashMap<&str, usize> = HashMap::new();
     for ((path, _), count) in &counts {
-        let most = most.entry(path).or_default();
-        *most = (*most).max(*count);
+        let max_count = max_counts.entry(path).or_default();
+        *max_count = (*max_count).max(*count);
     }
-    let is_unusual = |entry: &&(String, String)| counts[*entry] < most[entry.0.as_str()];
+    let is_unusual = |entry: &&(String, String)| counts[*entry] < max_counts[entry.0.as_str()];
     let unusual = all.iter().map(|settings| settings.iter().filter(is_unusual).count());
-    let distance = |(cell, unusual): (&CellSettings<'_>, usize)| {
-        (cell.swept, cell.settings.unwrap_or(usize::MAX), unusual)
-    };
-    cells.iter().zip(unusual).map(distance).collect()
+    let distances = cells.iter().zip(unusual);
+    distances.map(|(cell, n)| (cell.swept, cell.settings.unwrap_or(usize::MAX), n)).collect()
 }
 
 impl CellPlan {

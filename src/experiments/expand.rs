@@ -26,7 +26,7 @@ pub struct CellPlan {
     pub repetitions: Option<RepetitionPlan>,
     /// Those that `fathom compare` compares.
     pub stages: Vec<String>,
-    /// Its times are not asked for.
+    /// It is measured for its errors and counts, not for its times.
     pub errors_only: bool,
 }
 
@@ -247,8 +247,12 @@ fn kind(value: &Value) -> &'static str {
 
 type Overrides = [(String, Vec<String>)];
 type ChosenAxis<'a> = (&'a Axis, Vec<AxisValue>);
-/// A sweep's parameters and axes.
-type ChosenSweep<'a> = (&'a Sweep, Vec<(String, Value)>, Vec<ChosenAxis<'a>>);
+
+struct ChosenSweep<'a> {
+    sweep: &'a Sweep,
+    params: Vec<(String, Value)>,
+    axes: Vec<ChosenAxis<'a>>,
+}
 
 impl Experiment {
     /// The cells in the order of the file; sweeps that share a cell measure it once.
@@ -269,11 +273,12 @@ impl Experiment {
         let mut sweeps = Vec::new();
         for sweep in &self.sweep {
             let params = [base.clone(), sweep.profile.after(&sweep.params, profile)].concat();
-            sweeps.push((sweep, params, self.axis_values(sweep, profile, axis_overrides)?));
+            let axes = self.axis_values(sweep, profile, axis_overrides)?;
+            sweeps.push(ChosenSweep { sweep, params, axes });
         }
         self.check_size(&sweeps)?;
         let mut cells = IndexMap::new();
-        for (sweep, params, axes) in &sweeps {
+        for ChosenSweep { sweep, params, axes } in &sweeps {
             // Every combination of the axes' values; the last axis moves fastest.
             let values =
                 axes.iter().map(|(axis, values)| values.iter().map(|value| (*axis, value)));
@@ -349,8 +354,8 @@ impl Experiment {
         let views = self.views.as_ref().map_or(0, |views| 1 + 2 * views.turns_deg.len());
         let repeated = self.repetitions.as_ref().map_or(0, |own| 1 + u64::from(own.count));
         let each = 1 + u64::from(self.reference.is_some()) + views as u64 + repeated;
-        let points = |(_, _, axes): &ChosenSweep<'_>| {
-            axes.iter().fold(each, |n, (_, values)| n.saturating_mul(values.len() as u64))
+        let points = |sweep: &ChosenSweep<'_>| {
+            sweep.axes.iter().fold(each, |n, (_, values)| n.saturating_mul(values.len() as u64))
         };
         let cells = sweeps.iter().map(points).fold(0, u64::saturating_add);
         if cells <= MAX_CELLS {

@@ -57,8 +57,8 @@ pub struct Experiment {
     /// Time that a cell of this experiment gets, as a multiple of the usual: less than 1 where errors count and times do not.
     #[serde(default = "one")]
     pub weight: f64,
-    /// Share of a frame, 0 … 1, from which a stage counts as costly. Where it is set, reports tell of each axis what each size costs and
-    /// from which size on a stage is costly.
+    /// Share of a frame, 0 … 1, from which a stage counts as costly. Where it is set, reports list for each axis what each size
+    /// costs and from which size on a stage is costly.
     pub knee_share: Option<f64>,
     #[serde(default)]
     pub pictures: Pictures,
@@ -297,14 +297,15 @@ pub struct PublishedSizes {
 }
 
 fn sizes<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(Measure, f64)>, D::Error> {
-    let sizes = BTreeMap::<String, f64>::deserialize(deserializer)?;
-    let parse = |(measure, published): (String, f64)| {
+    let mut sizes = Vec::new();
+    for (measure, published) in BTreeMap::<String, f64>::deserialize(deserializer)? {
         if !(published.is_finite() && published > 0.0) {
-            return Err(format!("the published size of `{measure}` must be positive"));
+            let fault = format!("the published size of `{measure}` must be positive");
+            return Err(de::Error::custom(fault));
         }
-        Ok((measure.parse()?, published))
-    };
-    sizes.into_iter().map(parse).collect::<Result<_, String>>().map_err(de::Error::custom)
+        sizes.push((measure.parse().map_err(de::Error::custom)?, published));
+    }
+    Ok(sizes)
 }
 
 fn figures<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Published>, D::Error> {

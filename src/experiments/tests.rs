@@ -261,7 +261,7 @@ fn broken_files_are_told_in_one_line() {
         (claim(r#"within = { y = "speed", low = 1 }"#), "unknown measure `speed`"),
         (
             claim(r#"ratio = { y = "stage:a", over = "size", low = 0.5 }"#),
-            "needs `high` and no `low`",
+            "without a numerator needs `high`",
         ),
         (claim(r#"ratio = { y = "stage:a", numerator = 1, high = 2 }"#), "that are tables"),
         (format!("{swept}[method]\npublication = 1"), "method of publication 1 is not known"),

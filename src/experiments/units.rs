@@ -100,7 +100,7 @@ fn fitting(plans: &[CellPlan], filter: &Map<String, Value>) -> Vec<usize> {
     (0..plans.len()).filter(|index| fits(&plans[*index])).collect()
 }
 
-/// Disjoint sets of the numbers below a count, each with its least member as its name.
+/// Disjoint sets of the numbers below a count, each named by its smallest member.
 struct DisjointSets(Vec<usize>);
 
 impl DisjointSets {
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_of_a_plot_are_not_torn() {
+    fn cells_of_a_line_stay_together() {
         let plot = r#"
             [[plot]]
             title = "Frames"

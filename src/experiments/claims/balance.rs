@@ -13,7 +13,7 @@ use fathom_record::Cell;
 /// mesh's next level of detail or a volume's next power of two costs.
 const MAX_APART: f64 = 2.0;
 
-/// Measured sizes over the published ones, from the least to the most.
+/// Measured sizes over the published ones, from the smallest ratio to the largest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SizeRatios {
     low: f64,
@@ -51,11 +51,11 @@ impl SizeRatios {
             shares.map(|cell| ratios(published, cell)).try_collect()?;
         let by_size = |a: &&Share<'_>, b: &&Share<'_>| a.share.total_cmp(&b.share);
         let ends = shares.iter().flatten().minmax_by(by_size).into_option();
-        let (least, most) = ends.ok_or("no measured cell")?;
-        if most.share > MAX_APART * least.share {
-            return Err(format!("other balance: {most}, but {least}"));
+        let (smallest, largest) = ends.ok_or("no measured cell")?;
+        if largest.share > MAX_APART * smallest.share {
+            return Err(format!("other balance: {largest}, but {smallest}"));
         }
-        Ok(SizeRatios { low: least.share, high: most.share })
+        Ok(SizeRatios { low: smallest.share, high: largest.share })
     }
 
     pub(super) fn join(scales: &[SizeRatios]) -> Option<SizeRatios> {

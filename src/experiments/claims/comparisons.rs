@@ -1,6 +1,7 @@
 //! Cells compared with each other and with bounds.
 
 use itertools::Itertools;
+use serde_json::Value;
 
 use super::evidence::BoundCheck;
 use super::{Tested, read, read_positive, too_few};
@@ -15,69 +16,51 @@ const ABOVE_ONE: [f64; 2] = [1.0 + f64::EPSILON, f64::INFINITY];
 /// Values of which each is compared with all others.
 const MAX_COMPARED: usize = 200;
 
-/// A cell that a ratio compares with others.
-struct Side<'a> {
-    cell: &'a Cell,
-    reading: Quantity,
-}
-
 pub(super) fn ratio(test: &Ratio, cells: &[&Cell]) -> Tested {
-    let sides = cells.iter().filter_map(|cell| Some(Side { cell, reading: read(&test.y, cell)? }));
-    let sides: Vec<Side<'_>> = sides.collect();
-    let can_divide = |side: &&Side<'_>| side.reading.median() > 0.0;
-    let Some(numerator) = &test.numerator else {
-        return each_pair(test, &sides.iter().filter(can_divide).collect_vec());
+    let sides = cells.iter().filter_map(|cell| Some((*cell, read(&test.y, cell)?))).collect_vec();
+    let names = |side: &Value, index: usize| test.names(side, sides[index].0);
+    let is_positive = |index: &usize| sides[*index].1.median() > 0.0;
+    let is_over = |index: &usize| match &test.numerator {
+        Some(numerator) => names(numerator, *index),
+        None => is_positive(index),
     };
-    let is_over = |side: &&Side<'_>| test.names(numerator, side.cell);
-    let is_under = |side: &&Side<'_>| match &test.denominator {
-        Some(denominator) => test.names(denominator, side.cell),
-        None => !is_over(side),
+    let is_under = |index: &usize| match &test.denominator {
+        Some(denominator) => names(denominator, *index),
+        None => test.numerator.is_none() || !is_over(index),
     };
-    let max_count = if test.denominator.is_some() { 1 } else { sides.len() };
-    let under = sides.iter().filter(is_under).filter(can_divide).take(max_count);
-    let over = sides.iter().find(is_over);
-    let quotients = under.filter_map(|under| Some(over?.per(under, test, [test.low, test.high])));
+    if test.numerator.is_none() && sides.len() > MAX_COMPARED {
+        let count = sides.len();
+        return Err(format!("{count} values: at most {MAX_COMPARED} are compared with each other"));
+    }
+    // Without a numerator either cell of two may be the larger.
+    let low = test.numerator.as_ref().map_or(1.0 / test.high, |_| test.low);
+    let over = (0..sides.len()).filter(is_over);
+    let under = (0..sides.len()).filter(is_under).filter(is_positive);
+    let pairs = under.cartesian_product(over);
+    let quotients = pairs.filter(|(under, over)| test.numerator.is_some() || under < over).map(
+        |(under, over)| {
+            let [(over, y_over), (under, y_under)] = [over, under].map(|index| &sides[index]);
+            let name = match &test.over {
+                Some(axis) => [over, under].map(|cell| label_text(&cell.axes[axis])).join(" / "),
+                None => {
+                    let [over, under] = [y_over, y_under].map(Quantity::median);
+                    format!("{} {over:.4} against {under:.4}, ratio", test.y)
+                }
+            };
+            BoundCheck::new(name, y_over.ratio_to(y_under), [low, test.high])
+        },
+    );
     let quotients = quotients.collect_vec();
-    if !quotients.is_empty() {
-        return Ok(quotients);
-    }
-    Err(match (&test.over, &test.denominator) {
-        (None, _) => format!("{} was not recorded in both cells", test.y),
-        (_, Some(under)) => {
-            let [over, under] = [numerator, under].map(label_text);
-            format!("`{over}` and `{under}` were not both measured")
+    match (&test.numerator, &test.denominator) {
+        _ if !quotients.is_empty() => Ok(quotients),
+        (None, _) => Err(too_few(sides.len(), "2 are needed")),
+        _ if test.over.is_none() => Err(format!("{} was not recorded in both cells", test.y)),
+        (Some(over), under) => {
+            let another = || "another value".to_owned();
+            let under =
+                under.as_ref().map_or_else(another, |side| format!("`{}`", label_text(side)));
+            Err(format!("`{}` and {under} were not both measured", label_text(over)))
         }
-        _ => format!("`{}` and another value were not both measured", label_text(numerator)),
-    })
-}
-
-/// Each two cells: their order does not count, so that both quotients of two are at most `high`.
-fn each_pair(test: &Ratio, sides: &[&Side<'_>]) -> Tested {
-    match sides.len() {
-        0 | 1 => Err(too_few(sides.len(), "2 are needed")),
-        count if count > MAX_COMPARED => {
-            Err(format!("{count} values: at most {MAX_COMPARED} are compared with each other"))
-        }
-        _ => {
-            let pairs = sides.iter().array_combinations();
-            let band = [1.0 / test.high, test.high];
-            Ok(pairs.map(|[earlier, later]| later.per(earlier, test, band)).collect())
-        }
-    }
-}
-
-impl Side<'_> {
-    fn per(&self, under: &Side<'_>, test: &Ratio, band: [f64; 2]) -> BoundCheck {
-        let sides = [self, under];
-        let name = if let Some(over) = &test.over {
-            sides
-                .map(|side| side.cell.axes.get(over).map(label_text).unwrap_or_default())
-                .join(" / ")
-        } else {
-            let [over, under] = sides.map(|side| side.reading.median());
-            format!("{} {over:.4} against {under:.4}, ratio", test.y)
-        };
-        BoundCheck::new(name, self.reading.ratio_to(&under.reading), band)
     }
 }
 
@@ -100,7 +83,7 @@ pub(super) fn each(y: &Measure, band: [f64; 2], cells: &[&Cell], software: bool)
     Ok(compared.collect())
 }
 
-/// Every step goes the claimed way.
+/// Every step rises, or every step falls.
 pub(super) fn monotone(y: &Measure, x: &Measure, direction: Direction, cells: &[&Cell]) -> Tested {
     let points = points(y, x, cells);
     if points.len() < 3 {
@@ -117,7 +100,7 @@ pub(super) fn monotone(y: &Measure, x: &Measure, direction: Direction, cells: &[
     Ok(steps.collect())
 }
 
-/// The least of the cells inside the band against every cell outside.
+/// The smallest y inside the band against that of every cell outside.
 pub(super) fn band(y: &Measure, x: &Measure, [low, high]: [f64; 2], cells: &[&Cell]) -> Tested {
     let points = points(y, x, cells);
     let below = points.iter().any(|(x, _)| *x < low);
@@ -127,9 +110,9 @@ pub(super) fn band(y: &Measure, x: &Measure, [low, high]: [f64; 2], cells: &[&Ce
     if inside.is_empty() || !below || !above {
         return Err(format!("cells within {low} – {high} and on both sides of it are needed"));
     }
-    let least = inside.iter().min_by(|a, b| a.1.median().total_cmp(&b.1.median()));
+    let lowest = inside.iter().min_by(|a, b| a.1.median().total_cmp(&b.1.median()));
     let compared = outside.iter().flat_map(|(x_outside, y_outside)| {
-        least.map(|(x, y)| {
+        lowest.map(|(x, y)| {
             let name = format!("at {x_outside} over at {x}, the least inside");
             BoundCheck::new(name, y_outside.ratio_to(y), ABOVE_ONE)
         })
@@ -169,11 +152,21 @@ mod tests {
     }
 
     #[test]
-    fn independence_flips_with_a_perturbed_cell() {
+    fn ratios_without_a_denominator_compare_each_value_and_without_a_numerator_each_two() {
+        let errors = |of: [f64; 3]| swept(&[1.0, 2.0, 3.0], move |n| of[n as usize - 1]);
+        let lowest = r#"ratio = { y = "quantity:error", over = "n", numerator = 2, high = 1.0 }"#;
+        let nearest = "2.0 / 3.0 0.500 against at most 1.000 (the nearest to its bound of 2)";
+        let cases = [
+            ("lowest", errors([0.4, 0.1, 0.2]), Supported, nearest),
+            ("not the lowest", errors([0.4, 0.1, 0.09]), Contradicted, ""),
+            ("one cell", swept(&[1.0], |_| 0.4), NotRun, "^`2` and another value were"),
+        ];
+        all_ruled(lowest, cases);
         let alike = || swept(&[1.0, 2.0, 4.0], |_| 5.0);
         let cases = [
-            ("alike", alike(), Supported, ""),
+            ("alike", alike(), Supported, "of 3)$"),
             ("one apart", but(1, 2.0, 7.0, alike()), Contradicted, ""),
+            ("one cell", alike()[..1].to_vec(), NotRun, "^1 measured cell, and 2 are needed$"),
         ];
         all_ruled(r#"ratio = { y = "stage:s", over = "n", high = 1.15 }"#, cases);
     }
@@ -181,37 +174,13 @@ mod tests {
     #[test]
     fn tables_name_the_two_cells_of_a_ratio() {
         let test = r#"ratio = { y = "quantity:error", numerator = { n = 2 }, denominator = { n = 1 }, high = 1.0 }"#;
-        let better = swept(&[1.0, 2.0], |n| 1.0 / n);
-        let one = better[..1].to_vec();
-        all_ruled(
-            test,
-            [
-                ("better", better, Supported, "^error 0.5000 against 1.0000, ratio 0.500 "),
-                ("worse", swept(&[1.0, 2.0], |n| n), Contradicted, ""),
-                ("one cell", one, NotRun, "^error was not recorded in both cells$"),
-            ],
-        );
-    }
-
-    #[test]
-    fn the_lowest_value_is_held_against_all_others() {
-        let test = r#"ratio = { y = "quantity:error", over = "n", numerator = 2, high = 1.0 }"#;
-        let errors = |of: [f64; 3]| swept(&[1.0, 2.0, 3.0], move |n| of[n as usize - 1]);
-        let lowest = errors([0.4, 0.1, 0.2]);
-        let one = lowest[..1].to_vec();
-        all_ruled(
-            test,
-            [
-                (
-                    "lowest",
-                    lowest,
-                    Supported,
-                    "2.0 / 3.0 0.500 against at most 1.000 (the nearest to its bound of 2)",
-                ),
-                ("not the lowest", errors([0.4, 0.1, 0.09]), Contradicted, ""),
-                ("one cell", one, NotRun, "^`2` and another value were not both measured$"),
-            ],
-        );
+        let better = || swept(&[1.0, 2.0], |n| 1.0 / n);
+        let cases = [
+            ("better", better(), Supported, "^error 0.5000 against 1.0000, ratio 0.500 "),
+            ("worse", swept(&[1.0, 2.0], |n| n), Contradicted, ""),
+            ("one cell", better()[..1].to_vec(), NotRun, "^error was not recorded in both cells$"),
+        ];
+        all_ruled(test, cases);
     }
 
     #[test]

@@ -9,8 +9,8 @@ const MAX_NAMED: usize = 3;
 /// Samples beyond which none is asked for: the figure lies at the bound.
 const MAX_SAMPLES: f64 = 1e4;
 
-/// A figure without an interval is not told from a bound of our own within this share of it, at most a quarter of a band with two bounds:
-/// the middle of a narrow band is not near both.
+/// A figure without an interval is near a bound of our own within this share of the bound, and within a quarter of a band with two bounds:
+/// the middle of a narrow band is near neither.
 const NEAR: f64 = 0.1;
 
 /// A figure and the band that it must lie in.
@@ -146,9 +146,9 @@ impl BoundCheck {
             return format!("{why} the bound");
         };
         let of = if self.inside() < 0.0 { of } else { 1 };
-        let least = statistics::min_samples(ALPHA / of as f64);
-        if n < least {
-            return format!("{least} samples are needed");
+        let needed = statistics::min_samples(ALPHA / of as f64);
+        if n < needed {
+            return format!("{needed} samples are needed");
         }
         // The interval shrinks with the root of n, until its end reaches the bound.
         let reach = self.figure.interval(ALPHA / of as f64).map_or(f64::NAN, |i| self.reach(i));

@@ -149,14 +149,15 @@ fn by_round(points: &[(f64, Quantity)], figure: impl Fn(&[(f64, f64)]) -> Option
     Quantity::Sampled(samples.collect())
 }
 
-/// At most so many, spread over the points in the order of their x.
-pub fn thin_out<T>(mut points: Vec<(f64, T)>, most: usize) -> Vec<(f64, T)> {
+/// At most `max_count` of the points, spread over them in the order of their x.
+pub fn thin_out<T>(mut points: Vec<(f64, T)>, max_count: usize) -> Vec<(f64, T)> {
     let n = points.len();
-    if n <= most {
+    if n <= max_count {
         return points;
     }
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let chosen: HashSet<usize> = (0..most).map(|index| index * (n - 1) / (most - 1)).collect();
+    let chosen: HashSet<usize> =
+        (0..max_count).map(|index| index * (n - 1) / (max_count - 1)).collect();
     let points = points.into_iter().enumerate().filter(|(place, _)| chosen.contains(place));
     points.map(|(_, point)| point).collect()
 }
@@ -222,8 +223,8 @@ pub(super) fn affine(y: &Measure, x: &Measure, tolerance: f64, cells: &[&Cell]) 
     let (Some(line), true) = (LinearFit::fit(&medians(&points)), points.len() > 3) else {
         return Err(too_few(points.len(), "a straight line needs 4"));
     };
-    let most = points.iter().map(|(x, _)| *x).fold(0.0, f64::max);
-    let share = line.rising_share(most);
+    let max_x = points.iter().map(|(x, _)| *x).fold(0.0, f64::max);
+    let share = line.rising_share(max_x);
     if (0.0..RISING_SHARE).contains(&share) {
         return Err(format!(
             "only {:.0} % of the largest cell rises with x: {:.0} % are needed",
@@ -231,7 +232,7 @@ pub(super) fn affine(y: &Measure, x: &Measure, tolerance: f64, cells: &[&Cell]) 
             100.0 * RISING_SHARE
         ));
     }
-    let rising = by_round(&points, |points| Some(LinearFit::fit(points)?.rising_share(most)));
+    let rising = by_round(&points, |points| Some(LinearFit::fit(points)?.rising_share(max_x)));
     let rising = BoundCheck::new(
         "share of the largest cell that rises with x",
         rising,

@@ -413,23 +413,23 @@ fn noise_supports_a_claim_no_more_often_than_the_stated_rate() {
         }
     }
     // Three standard deviations above the rate.
-    let most = CHANCE * trials as f64 + 3.0 * (CHANCE * trials as f64).sqrt();
-    assert!(f64::from(supported) <= most, "{supported} of {trials}");
-    assert!(f64::from(contradicted) <= most, "{contradicted} of {trials}");
+    let max_count = CHANCE * trials as f64 + 3.0 * (CHANCE * trials as f64).sqrt();
+    assert!(f64::from(supported) <= max_count, "{supported} of {trials}");
+    assert!(f64::from(contradicted) <= max_count, "{contradicted} of {trials}");
     // Looks that never decide would pass, too.
     assert!(supported + contradicted > 0);
 }
 
 #[test]
 fn more_samples_than_there_are_settle_what_is_open() {
-    let least = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 0.99, high = inf }"#;
+    let bounded = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 0.99, high = inf }"#;
     let rounds = 24;
     let mut told = 0;
     for seed in 0..30 {
         // Just below the bound, and falling slightly where rising is claimed: one of three steps.
         let below = drifting(&[1.0, 2.0], rounds, |n| 5.0 - 0.07 * (n - 1.0), 0.02, seed);
         let falling = drifting(&[1.0, 2.0, 3.0, 4.0], rounds, |n| 5.0 - 0.04 * n, 0.02, seed);
-        for (test, cells) in [(least, below), (RISING, falling)] {
+        for (test, cells) in [(bounded, below), (RISING, falling)] {
             let (verdict, reason) = ruled(test, &cells, true);
             let number = reason.split_once("; about ").and_then(|(_, rest)| rest.split(' ').next());
             if let Some(number) = number.filter(|_| !verdict.is_settled()) {

@@ -42,9 +42,9 @@ pub struct Claim {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
-    /// A software driver runs on a CPU. Told of such adapters only.
+    /// A software driver runs on a CPU. Reported for such adapters only.
     Hardware(String),
-    /// The publication's own slip, or a choice that it does not tell.
+    /// The publication's own slip, or a choice that it does not state.
     Paper(String),
 }
 
@@ -173,10 +173,9 @@ fn no_high() -> f64 {
 impl Ratio {
     /// Whether this numerator or denominator names the cell.
     pub fn names(&self, side: &Value, cell: &Cell) -> bool {
-        match (&self.over, side) {
-            (Some(over), _) => cell.axes.get(over).is_some_and(|value| same(value, side)),
-            (None, Value::Object(filter)) => fits(cell, filter),
-            (None, _) => false,
+        match &self.over {
+            Some(over) => cell.axes.get(over).is_some_and(|value| same(value, side)),
+            None => side.as_object().is_some_and(|filter| fits(cell, filter)),
         }
     }
 
@@ -190,15 +189,16 @@ impl Ratio {
 
     pub(super) fn check(&self) -> Result<(), &'static str> {
         let Ratio { over, numerator, denominator, low, high, .. } = self;
-        match (over, numerator, denominator) {
-            (None, Some(Value::Object(_)), Some(Value::Object(_))) => Ok(()),
-            (None, ..) => Err("needs `over`, or a numerator and a denominator that are tables"),
-            (_, None, Some(_)) => Err("needs a numerator"),
-            (_, None, None) if *low != no_low() || !high.is_finite() => {
-                Err("without a numerator needs `high` and no `low`")
-            }
-            _ => Ok(()),
+        let are_tables =
+            [numerator, denominator].iter().all(|side| matches!(side, Some(Value::Object(_))));
+        if over.is_none() && !are_tables {
+            return Err("needs `over`, or a numerator and a denominator that are tables");
         }
+        let is_half = denominator.is_some() || low.is_finite() || high.is_infinite();
+        if numerator.is_none() && is_half {
+            return Err("without a numerator needs `high`, and neither `low` nor a denominator");
+        }
+        Ok(())
     }
 }
 

@@ -1,4 +1,4 @@
-//! Lists of tables that bear names.
+//! Lists of named tables.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -36,12 +36,12 @@ impl<'de, T: Deserialize<'de> + Named> Visitor<'de> for Tables<T> {
     fn visit_map<A: MapAccess<'de>>(self, mut named: A) -> Result<Vec<T>, A::Error> {
         let mut tables = Vec::new();
         while let Some((name, mut table)) = named.next_entry::<Spanned<String>, T>()? {
-            let place = name.span().start;
+            let offset = name.span().start;
             table.set_name(name.into_inner());
-            tables.push((place, table));
+            tables.push((offset, table));
         }
         // They come sorted by their names.
-        tables.sort_by_key(|(place, _)| *place);
+        tables.sort_by_key(|(offset, _)| *offset);
         Ok(tables.into_iter().map(|(_, table)| table).collect())
     }
 }

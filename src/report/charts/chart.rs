@@ -177,7 +177,7 @@ impl Legend {
     pub fn draw(&self, area: &Area<'_>) -> DrawResult {
         for ((mark, words), (x, row)) in self.0.iter().zip(self.places()) {
             let (x, y) = (x as i32, (row * LEGEND_ROW_PX + LEGEND_ROW_PX / 2) as i32);
-            mark.draw(area, (x + 7, y))?;
+            mark.draw(area, x + 7, y)?;
             let at = (x + MARK_PX as i32, y);
             area.draw_text(words, &style::starting(style::label()), at)?;
         }
@@ -189,7 +189,7 @@ impl Legend {
 const DIAMOND: [(i32, i32); 4] = [(0, -6), (6, 0), (0, 6), (-6, 0)];
 
 impl Mark {
-    pub fn draw(&self, area: &Area<'_>, (x, y): (i32, i32)) -> DrawResult {
+    pub fn draw(&self, area: &Area<'_>, x: i32, y: i32) -> DrawResult {
         let placed = |outline: &[(i32, i32)]| -> Vec<(i32, i32)> {
             outline.iter().map(|(dx, dy)| (x + dx, y + dy)).collect()
         };

@@ -294,7 +294,7 @@ mod tests {
     #[test]
     fn charts_say_what_they_show() {
         let svgs = svgs(&fixtures::run());
-        for (file, words, least) in [
+        for (file, words, min_count) in [
             ("uw-photons", "exponent ", 1),
             ("uw-photons", "caustics/trace", 1),
             ("uw-photons", "log scale", 1),
@@ -312,7 +312,7 @@ mod tests {
             ("uw-tessellation", "loop bound dynamic", 1),
         ] {
             let svg = &svgs[&format!("{file}.svg")];
-            assert!(svg.matches(words).count() >= least, "{file}: {words}");
+            assert!(svg.matches(words).count() >= min_count, "{file}: {words}");
         }
     }
 

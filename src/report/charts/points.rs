@@ -97,7 +97,7 @@ impl PointChart {
                 let leader = vec![(right, end), (right + 8, middle)];
                 area.draw(&PathElement::new(leader, style::FAINT.stroke_width(1)))?;
             }
-            Mark::Series(series.marker, series.color).draw(area, (right + NAME_MARK_PX, middle))?;
+            Mark::Series(series.marker, series.color).draw(area, right + NAME_MARK_PX, middle)?;
             for (line, text) in (0..).zip(lines) {
                 let style = if line == 0 { style::label() } else { style::small() };
                 let at = (right + NAME_PX, middle + line * ROW_PX);
@@ -118,7 +118,7 @@ impl PointChart {
         area.draw_text(&self.title, &style::label(), (16, 2))?;
         for (index, series) in (0..).zip(&self.series) {
             let y = TITLE_PX + index * ROW_PX + 6;
-            Mark::Series(series.marker, series.color).draw(area, (24, y))?;
+            Mark::Series(series.marker, series.color).draw(area, 24, y)?;
             area.draw_text(&self.named(series), &style::starting(style::small()), (NAMES_PX, y))?;
         }
         self.axes(area, head_px, 14).map(|_| ())
@@ -248,12 +248,11 @@ impl PlotCanvas<'_, '_> {
             let bar = bar.chain([0, -4, 4].map(|cap| (x + cap, high)));
             area.draw(&PathElement::new(bar.collect::<Vec<_>>(), color.stroke_width(2)))?;
         }
-        let Some(middle) = px(point.y.median) else { return Ok(()) };
-        Mark::Series(marker, color).draw(&area, middle)?;
+        let Some((x, y)) = px(point.y.median) else { return Ok(()) };
+        Mark::Series(marker, color).draw(&area, x, y)?;
         tip(&area, &point.tip)?;
         if let Some(name) = point.category.as_ref().filter(|_| self.chart.is_uppermost(point)) {
-            let above = (middle.0, middle.1 - 15);
-            area.draw_text(name, &style::centered(style::small()), above)?;
+            area.draw_text(name, &style::centered(style::small()), (x, y - 15))?;
         }
         point.published.map_or(Ok(()), |span| self.published(point.x, span))
     }

@@ -124,8 +124,8 @@ fn coloured<'a>(figures: &[(&'a Cell, &'a Measured)]) -> Vec<&'a str> {
     for (_, measured) in figures {
         let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
         for stage in &measured.stages {
-            let most = shares.entry(&stage.stage).or_insert(f64::NEG_INFINITY);
-            *most = most.max(stage.time.median / total);
+            let max_share = shares.entry(&stage.stage).or_insert(f64::NEG_INFINITY);
+            *max_share = max_share.max(stage.time.median / total);
         }
     }
     shares.into_iter().filter(|(_, share)| *share >= MIN_SHARE).map(|(name, _)| name).collect()

@@ -34,7 +34,7 @@ pub fn strip(
         area.draw(&Rectangle::new([(start, 3), (end, HEIGHT_PX - 3)], style::BAND.filled()))?;
         if let Some(value) = published {
             let marker = Marker { shape: Shape::Diamond, hollow: false };
-            Mark::Series(marker, style::OPEN).draw(area, (x(value), middle))?;
+            Mark::Series(marker, style::OPEN).draw(area, x(value), middle)?;
         }
         area.draw(&line(figure.ends().map(x), style::INK.stroke_width(2)))?;
         area.draw(&Circle::new((x(figure.median), middle), 4, style::INK.filled()))

@@ -72,7 +72,7 @@ fn rule(light: RGBColor, dark: &str) -> String {
     )
 }
 
-/// Attributes that say what holds without them, or what the sheet says.
+/// Attributes that repeat SVG's defaults or the style sheet.
 const DEFAULTS: [&str; 5] = [
     " opacity=\"1\"",
     " stroke=\"none\"",
@@ -81,7 +81,7 @@ const DEFAULTS: [&str; 5] = [
     " font-family=\"sans-serif\"",
 ];
 
-/// What stands before a tip in a drawing: plotters knows no titles, so [`titled`] makes one of it.
+/// Marks a tooltip among the texts of a drawing: plotters has no titles, so [`titled`] makes titles of them.
 pub const TIP: char = '\u{1}';
 
 /// The picture with its class, with what it shows in words, and with titles where the drawing has tips.
@@ -137,11 +137,11 @@ pub fn max_characters(room_px: u32) -> usize {
 }
 
 /// At most so many characters, with an ellipsis where something does not fit.
-pub fn truncate(line: &str, most: usize) -> String {
-    if line.chars().count() <= most {
+pub fn truncate(line: &str, limit: usize) -> String {
+    if line.chars().count() <= limit {
         return line.to_owned();
     }
-    line.chars().take(most.saturating_sub(1)).chain(['…']).collect()
+    line.chars().take(limit.saturating_sub(1)).chain(['…']).collect()
 }
 
 /// Sizes of type, pixels: nothing is smaller than [`SMALL_PX`].
