@@ -21,9 +21,6 @@ pub struct VisibleScene {
 
 impl VisibleScene {
     /// The geometry from the light and from the camera.
-    ///
-    /// # Errors
-    /// What the GPU reports.
     pub fn draw(
         resources: &Resources<'_>,
         view: View,
@@ -52,9 +49,6 @@ pub struct LitImage {
 
 impl LitImage {
     /// Filters `visibility` by the stage of `filter`, if there is one, and lights the picture.
-    ///
-    /// # Errors
-    /// What the GPU reports.
     pub fn new(
         resources: &Resources<'_>,
         seen: &VisibleScene,

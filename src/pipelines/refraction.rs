@@ -44,7 +44,6 @@ pub enum ExitMethod {
 choices!(ExitMethod);
 
 settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT §5: 800 × 600.
         view: settings::Viewport = settings::Viewport { width: 800, height: 600 };

@@ -115,9 +115,6 @@ impl PipelineInstance for ScalarAo {
 }
 
 /// The stage that `scalar.mode` names.
-///
-/// # Errors
-/// What the GPU reports.
 pub fn cast(
     resources: &Resources<'_>,
     shared: &Shared,

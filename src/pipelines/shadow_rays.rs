@@ -21,7 +21,6 @@ use fathom_stages::{ldi, scene, shadow, transfer};
 use image::{Rgb, RgbImage};
 
 settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT §5: 800 × 600.
         view: settings::Viewport = settings::Viewport { width: 800, height: 600 };

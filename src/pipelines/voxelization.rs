@@ -25,9 +25,6 @@ pub struct Volumes {
 
 /// Pushes the stage that moves the geometry, if it moves, and those that fill the volumes: into the frame, or where the
 /// volumes are filled once among what runs once. Gives the volumes, in the order of the grids.
-///
-/// # Errors
-/// What the GPU reports.
 pub fn voxelize(
     resources: &Resources<'_>,
     geometry: &Geometry,

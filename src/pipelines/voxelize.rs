@@ -15,7 +15,6 @@ use fathom_stages::voxel::view;
 use fathom_stages::voxels::Voxels;
 
 fathom_base::settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         /// Pixels of the picture; the volume does not depend on them.
         view: settings::Viewport = settings::Viewport::default();

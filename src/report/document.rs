@@ -18,7 +18,7 @@ pub enum Tone {
 
 impl Tone {
     /// Its class of CSS, and its mark.
-    fn look(self) -> [&'static str; 2] {
+    pub fn look(self) -> [&'static str; 2] {
         match self {
             Tone::Bad => ["bad", "✕"],
             Tone::Open => ["open", "?"],
@@ -38,10 +38,6 @@ impl Tone {
 
     pub fn mark(self) -> &'static str {
         self.look()[1]
-    }
-
-    pub fn class(self) -> &'static str {
-        self.look()[0]
     }
 
     pub fn chip(self, word: &str) -> Markup {

@@ -7,7 +7,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use indexmap::IndexMap;
+use indexmap::{IndexMap, IndexSet};
 use itertools::Itertools;
 use serde_json::Value;
 
@@ -188,13 +188,10 @@ impl<'a> Section<'a> {
             .and_then(|experiment| experiment.cells(profile?, &[], &[]).ok())
             .unwrap_or_default();
         self.settings = plans.iter().map(|plan| (plan.cell.clone(), plan.settings())).collect();
-        let planned: Vec<String> = plans.into_iter().map(|plan| plan.cell).collect();
-        let ranks = planned.iter().enumerate().rev();
-        let ranks: HashMap<&str, usize> = ranks.map(|(rank, name)| (name.as_str(), rank)).collect();
-        let rank = |cell: &Cell| ranks.get(cell.cell.as_str()).copied();
+        let planned: IndexSet<String> = plans.into_iter().map(|plan| plan.cell).collect();
+        let rank = |cell: &Cell| planned.get_index_of(&cell.cell).unwrap_or(planned.len());
         self.entries.sort_by(|a, b| {
-            let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
-            a_rank.cmp(&b_rank).then_with(|| compare_axes(a.cell, b.cell))
+            rank(a.cell).cmp(&rank(b.cell)).then_with(|| compare_axes(a.cell, b.cell))
         });
     }
 

@@ -161,13 +161,12 @@ impl Frame<'_> {
         f: impl FnOnce(&mut wgpu::CommandEncoder),
     ) {
         let query = self.open(encoder, name, PassKind::Copy);
-        let query = query.map(|Query { set, first }| (set.clone(), first));
-        if let Some((set, first)) = &query {
-            encoder.write_timestamp(set, *first);
+        if let Some(Query { set, first }) = query {
+            encoder.write_timestamp(set, first);
         }
         f(encoder);
-        if let Some((set, first)) = &query {
-            encoder.write_timestamp(set, *first + 1);
+        if let Some(Query { set, first }) = query {
+            encoder.write_timestamp(set, first + 1);
         }
         drop(self.guard(encoder, ()));
     }

@@ -9,7 +9,6 @@ use fathom_scene::{Camera, Light, SceneFile};
 use fathom_stages::hsao::march::HorizonUniforms;
 
 settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         view: Viewport = Viewport::default();
         camera: Camera = file.camera.clone();

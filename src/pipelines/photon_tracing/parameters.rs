@@ -11,7 +11,6 @@ use fathom_scene::{Camera, Light, SceneFile, Water};
 use serde::{Deserialize, Serialize};
 
 settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT §5: 800 × 600.
         view: Viewport = Viewport { width: 800, height: 600 };

@@ -8,7 +8,6 @@ use fathom_stages::planar::compose::PlanarView;
 use fathom_stages::pool::Pool;
 
 settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // SPT Fig. 2: 1K × 1K.
         view: Viewport = Viewport { width: 1024, height: 1024 };

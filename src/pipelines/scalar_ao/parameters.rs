@@ -20,7 +20,6 @@ const SMOKE_TIMES_TANK: f64 = 0.177_734_375;
 const MAX_VIEW_STEPS: f64 = 8192.0;
 
 settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         view: Viewport = Viewport::default();
         camera: Camera = file.camera.clone();

@@ -15,7 +15,6 @@ use fathom_stages::caustics::splat::{PointSize, SplatCoverage};
 use fathom_stages::photon::{self, PhotonEstimator};
 
 settings! {
-    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         // UW §4.1: 800 × 800.
         view: Viewport = Viewport { width: 800, height: 800 };

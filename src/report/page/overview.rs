@@ -80,8 +80,8 @@ fn claim_marks(view: &Report<'_>) -> Markup {
     html! {
         p.marks {
             @for (id, ruling) in claims.sorted_by_key(|(_, ruling)| std::cmp::Reverse(ruling.verdict)) {
-                @let tone = Tone::from_verdict(ruling.verdict);
-                a.(tone.class()) href={ "#plot-" (id) } title={ (ruling.verdict) ": " (ruling.text) " (" (id) ")" } { (tone.mark()) }
+                @let [class, mark] = Tone::from_verdict(ruling.verdict).look();
+                a.(class) href={ "#plot-" (id) } title={ (ruling.verdict) ": " (ruling.text) " (" (id) ")" } { (mark) }
             }
         }
     }

@@ -5,6 +5,7 @@ mod embed;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use itertools::Itertools;
 use maud::{Markup, html};
 
 use self::embed::{Embedded, Embedder};
@@ -128,29 +129,25 @@ fn differing<'p>(shown: &[PagePicture<'p>]) -> BTreeSet<&'p str> {
     names.collect::<BTreeSet<&str>>().into_iter().filter(differs).collect()
 }
 
+/// Values of the cell's axes in words; the cell's name where there are none.
 fn caption(
     experiment: Option<&Experiment>,
     shown: &PagePicture<'_>,
     differing: &BTreeSet<&str>,
 ) -> String {
     let is_told = |name: &str| differing.is_empty() || differing.contains(name);
-    let axes = axes(experiment, shown.cell, is_told);
-    match shown.picture.shows {
-        PictureKind::Image => axes,
-        PictureKind::Error => format!("Error, {axes}"),
-    }
-}
-
-/// Values of the cell's axes in words; the cell's name where there are none.
-fn axes(experiment: Option<&Experiment>, cell: &Cell, is_told: impl Fn(&str) -> bool) -> String {
-    let named_axes = cell.axes.iter().filter(|(name, _)| is_told(name));
+    let told = shown.cell.axes.iter().filter(|(name, _)| is_told(name));
     let title = |name: &str| match experiment {
         Some(experiment) => names::axis(name, experiment),
         None => words::parameter_label(name),
     };
-    let words: Vec<String> =
-        named_axes.map(|(name, value)| format!("{} {}", title(name), label_text(value))).collect();
-    if words.is_empty() { cell.cell.clone() } else { words.join(", ") }
+    let axes =
+        told.map(|(name, value)| format!("{} {}", title(name), label_text(value))).join(", ");
+    let axes = if axes.is_empty() { shown.cell.cell.clone() } else { axes };
+    match shown.picture.shows {
+        PictureKind::Image => axes,
+        PictureKind::Error => format!("Error, {axes}"),
+    }
 }
 
 /// Size of the picture, and of what the page shows where that is smaller.

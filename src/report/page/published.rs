@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::setting_words;
 use super::{Fold, Page, PageSection};
 use crate::Section;
+use crate::claims::format_settings;
 use crate::document::{self, Block, ColumnKind, Field, Line, Span, Table};
 use crate::format::{interval, three};
 use fathom_experiments::schema::{Published, Relation};
@@ -106,11 +107,6 @@ fn ratio(experiment: &str, one: &MatchedCell<'_>, base: &MatchedCell<'_>) -> Pai
     }
 }
 
-/// Where a published figure holds, in words: `scene: tank, width of the picture 800 px`.
-fn conditions(published: &Published) -> String {
-    format_conditions(&flatten(&published.filter))
-}
-
 fn format_conditions(conditions: &[Condition]) -> String {
     setting_words(conditions.iter().map(|(path, value)| (path, value)))
 }
@@ -142,6 +138,7 @@ fn ratios_table(page: &Page<'_>) -> Table {
 struct PublishedRow<'p> {
     experiment: &'p str,
     figure: String,
+    /// Such as `scene: tank, width of the picture 800 px`.
     conditions: String,
     hardware: &'p str,
     note: &'p str,
@@ -157,7 +154,7 @@ fn listed<'p>(page: &'p Page<'p>) -> IndexMap<PublishedRow<'p>, Vec<String>> {
             let row = PublishedRow {
                 experiment: section.id,
                 figure: one.figure(),
-                conditions: conditions(one),
+                conditions: format_settings(&one.filter),
                 hardware: &one.hardware,
                 note: &one.note,
             };

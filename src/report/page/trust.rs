@@ -10,7 +10,7 @@ use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::noise;
 use crate::trust;
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Clock, PassKind, Rejection, Run};
+use fathom_record::{AuditRow, Clock, Rejection, Run};
 use itertools::Itertools;
 
 pub const SECTION: PageSection = PageSection {
@@ -78,14 +78,9 @@ fn audit(run: &Run) -> Table {
         .with_rows(run.audit.iter().map(row))
 }
 
-/// Only timestamps measure the frame apart from its stages.
-fn has_timestamps(view: &Report<'_>) -> bool {
-    view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp))
-}
-
 fn details(view: &Report<'_>, run: &Run) -> Vec<String> {
     let costs = run.submit_cost_ns.iter();
-    let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
+    let costs = costs.map(|(kind, ns)| format!("{kind} {} ms", three(ns / NS_PER_MS))).join(", ");
     let drift = view.verdict.as_ref().and_then(|verdict| verdict.drift).map(|drift| {
         format!(
             "Drift of frame times: {}, n = {} spans of time. Median slope over all pairs of spans (Sen 1968) of the median change of the \
@@ -112,12 +107,9 @@ fn details(view: &Report<'_>, run: &Run) -> Vec<String> {
     all
 }
 
-fn submission(kind: PassKind, ns: f64) -> String {
-    format!("{kind} {} ms", three(ns / NS_PER_MS))
-}
-
 fn accounting(view: &Report<'_>) -> String {
-    if !has_timestamps(view) {
+    // Only timestamps measure the frame apart from its stages.
+    if !view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp)) {
         return "Stages + gaps against the frame: each pass was submitted and timed alone and the frame is their sum, so the two \
                 cannot differ here."
             .to_owned();
