@@ -195,7 +195,7 @@ fn stage_ns(
         }
         let sample = timer.time_stages(gpu, &[stage])?;
         if sample.faults.is_empty() {
-            return Ok(sample.stages[0].at_least_resolution_ns());
+            return Ok(sample.stages[0].ns_or_resolution());
         }
     }
     let name = stage.name();

@@ -2,7 +2,9 @@
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
 // ADDED 1: caustics are added as they are in their buffer, as a white surface next to the camera would show them. UW §3.3 counts no
 // attenuation to the viewer, which it finds "intrinsically handled via the point size regulation".
-#import fathom::uniforms::{frame, view_depth_m, world_at}
+#import fathom::uniforms::{focal_lengths, frame, view_depth_m, world_at}
+#import fathom::disc::{GOLDEN_ANGLE}
+#import fathom::math::{TAU}
 #import fathom::picture::{background, depths, display, lambert, normal_at, picture, seen_at}
 #import fathom::screen
 #import fathom::shading
@@ -32,19 +34,17 @@ struct Compose {
 
 // Screen shift of reflection and refraction for a unit of surface slope; tuned on scene port.
 const DISTORTION: f32 = 0.08;
-// Weight below which the texels on a pixel's surface say nothing.
-const LEAST_WEIGHT: f32 = 1e-3;
+// Below this sum of weights no texel lies on the pixel's surface.
+const MIN_WEIGHT: f32 = 1e-3;
 // Cosine to the normal below which a tap does not block: depth in texels makes a slanted plane uneven.
-const LEAST_COSINE: f32 = 0.1;
-const TAU: f32 = 6.28318530717958648;
-const GOLDEN_ANGLE: f32 = 2.39996322972865332;
+const MIN_COSINE: f32 = 0.1;
 
 // Bilinear by hand: 32-bit float textures cannot be filtered everywhere.
 fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
     let last = vec2<i32>(textureDimensions(source)) - 1;
-    let place = uv * vec2<f32>(last + 1) - 0.5;
-    let base = floor(place);
-    let f = place - base;
+    let texel_px = uv * vec2<f32>(last + 1) - 0.5;
+    let base = floor(texel_px);
+    let f = texel_px - base;
     let low = clamp(vec2<i32>(base), vec2(0), last);
     let high = clamp(vec2<i32>(base) + 1, vec2(0), last);
     let a = textureLoad(source, low, 0).x;
@@ -58,9 +58,9 @@ fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
 // what is in front then does not spread over what is behind, and the other way.
 fn on_surface(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
     let size = vec2<f32>(textureDimensions(source));
-    let place = uv * size - 0.5;
-    let base = floor(place);
-    let f = place - base;
+    let texel_px = uv * size - 0.5;
+    let base = floor(texel_px);
+    let f = texel_px - base;
     let view_m = view_depth_m(screen::depth_at(depths, uv * picture.size_px, picture.size_px));
     var sum = 0.0;
     var weights = 0.0;
@@ -69,12 +69,12 @@ fn on_surface(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
         let texel = clamp(base + corner, vec2(0.0), size - 1.0);
         let seen_m = view_depth_m(screen::depth_at(depths, texel + 0.5, size));
         if abs(seen_m - view_m) <= settings.depth_share * view_m {
-            let near = 1.0 - abs(place - base - corner);
+            let near = 1.0 - abs(texel_px - base - corner);
             sum += near.x * near.y * textureLoad(source, vec2<i32>(texel), 0).x;
             weights += near.x * near.y;
         }
     }
-    if weights < LEAST_WEIGHT {
+    if weights < MIN_WEIGHT {
         return bilinear(source, uv);
     }
     return sum / weights;
@@ -99,19 +99,16 @@ fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -
 
 #if OCCLUSION == 1
 // Share of the sky that nearby geometry leaves open, from screen-space depth (UW §3 step 7b, Fig. 10; UW gives no method): what lies
-// over the tangent plane within the radius blocks, the less the farther it is. The taps' disc is turned in every pixel by interleaved
+// over the tangent plane within the radius blocks, the less the farther it is. The disc of taps is rotated in every pixel by interleaved
 // gradient noise (Jimenez, Next Generation Post Processing in Call of Duty: Advanced Warfare, 2014).
 fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     let last = vec2<i32>(picture.size_px) - 1;
-    // Rows of the camera's matrix have the lengths of its focal distances, in halves of the picture.
-    let rows = transpose(frame.camera_view_projection);
-    let focal = vec2(length(rows[0].xyz), length(rows[1].xyz));
-    let view_m = dot(rows[3], vec4(position_m, 1.0));
-    let radius = 0.5 * focal * settings.occlusion_radius_m / view_m;
-    let turn = TAU * fract(52.9829189 * fract(dot(floor(uv * picture.size_px), vec2(0.06711056, 0.00583715))));
+    let view_m = dot(transpose(frame.camera_view_projection)[3], vec4(position_m, 1.0));
+    let radius = 0.5 * focal_lengths() * settings.occlusion_radius_m / view_m;
+    let rotation = TAU * fract(52.9829189 * fract(dot(floor(uv * picture.size_px), vec2(0.06711056, 0.00583715))));
     var blocked = 0.0;
     for (var i = 0u; i < settings.occlusion_taps; i++) {
-        let angle = f32(i) * GOLDEN_ANGLE + turn;
+        let angle = f32(i) * GOLDEN_ANGLE + rotation;
         let r = sqrt((f32(i) + 0.5) / f32(settings.occlusion_taps));
         let tap_uv = uv + r * radius * vec2(cos(angle), sin(angle));
         let texel = vec2<i32>(floor(tap_uv * picture.size_px));
@@ -123,12 +120,12 @@ fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
         let tap = world_at(middle, textureLoad(depths, texel, 0)) - position_m;
         let d = length(tap);
         let range = saturate(1.0 - d / settings.occlusion_radius_m);
-        blocked += range * saturate(dot(tap / max(d, 1e-4 * settings.occlusion_radius_m), normal) - LEAST_COSINE);
+        blocked += range * saturate(dot(tap / max(d, 1e-4 * settings.occlusion_radius_m), normal) - MIN_COSINE);
     }
     return 1.0 - blocked / f32(settings.occlusion_taps);
 }
 #else
-// Not asked for. On lavapipe (Mesa 22.3) the mere loop has the shader compiled again for every draw.
+// Without the loop: on lavapipe (Mesa 22.3) a loop that is never entered has the shader compiled again for every draw.
 fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     return 1.0;
 }
@@ -152,7 +149,7 @@ fn added_caustics(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> ve
 }
 
 fn shafts(uv: vec2<f32>) -> vec3<f32> {
-    return on_surface(godrays, uv) * settings.godrays_scale * shading::SHAFT_TINT;
+    return shading::shafts(on_surface(godrays, uv), settings.godrays_scale);
 }
 
 @vertex

@@ -19,7 +19,7 @@
 //! // The first frame compiles the shaders.
 //! timer.run_stages(&gpu, &pipeline.stages())?;
 //! for stage in timer.time_stages(&gpu, &pipeline.stages())?.stages {
-//!     println!("{}: {:.3} ms", stage.stage, stage.at_least_resolution_ns() / 1e6);
+//!     println!("{}: {:.3} ms", stage.stage, stage.ns_or_resolution() / 1e6);
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -1,8 +1,9 @@
 // Transparent objects over the composed picture, by their opacities: VAO §5.2.2, Fig. 6.
 //
-// Objects are drawn back to front, each first by the faces that look away: instance 0, then by those that look here: instance 1.
+// Objects are drawn back to front, each first by the faces that point away from the camera (instance 0), then by those that face it (1).
 // Light is that of `ao/compose` without shadow and occlusion.
 #import fathom::uniforms::{frame}
+#import fathom::math::{PI}
 #import fathom::shading
 #import fathom::surface::{Material, SceneVertex, albedo}
 
@@ -40,6 +41,6 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
     let material = materials[in.material];
     let seen = select(-normal, normal, facing);
     let lit = settings.ambient + saturate(dot(seen, shading::to_light(in.position_m)));
-    let color = albedo(material, in.position_m, normal) / shading::PI * lit * frame.light_irradiance;
+    let color = albedo(material, in.position_m, normal) / PI * lit * frame.light_irradiance;
     return vec4(shading::display(color, settings.exposure).xyz, material.alpha);
 }

@@ -14,7 +14,7 @@ struct Point {
 
 @compute @workgroup_size(dispatch::GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let index = dispatch::place(id, groups);
+    let index = dispatch::invocation_index(id, groups);
     if index >= arrayLength(&points) {
         return;
     }

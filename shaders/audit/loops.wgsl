@@ -1,4 +1,4 @@
-// Loops whose turns are counted. No compiler finds a closed form of the sequence, so that the turns must be made.
+// Loops that count their iterations. No compiler finds a closed form of the sequence, so none can leave iterations out.
 struct Work {
     outer: u32,
     inner: u32,
@@ -12,8 +12,8 @@ struct Made {
 @group(0) @binding(0) var<uniform> work: Work;
 @group(0) @binding(1) var<storage, read_write> made: Made;
 
-// The product depends on the turn before. Host twin: src/gpu/turns.rs.
-fn turned(before: Made) -> Made {
+// An iteration: the state depends on the one before. The host computes the same in src/gpu/loops.rs.
+fn next_state(before: Made) -> Made {
     return Made(before.turns + 1u, (before.state ^ (before.state >> 15u)) * 0x2c1b3c6du + 1u);
 }
 
@@ -22,7 +22,7 @@ fn main() {
     var now = Made(0u, 0u);
     for (var i = 0u; i < work.outer; i++) {
         for (var j = 0u; j < work.inner; j++) {
-            now = turned(now);
+            now = next_state(now);
         }
     }
     made = now;

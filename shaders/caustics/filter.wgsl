@@ -1,6 +1,6 @@
 // Multi-tap low-pass with a kernel rotated per pixel: UW §3.5. Taps on another surface than the pixel's do not count: UW has no such
 // test, and light then spreads over silhouettes.
-#import fathom::disc::{rotation, turned_tap}
+#import fathom::disc::{pixel_rotation, rotated_tap}
 #import fathom::uniforms::{view_depth_m}
 #import fathom::surface_plane::{beyond_plane_m, depth_texel, plane_at}
 
@@ -20,15 +20,15 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let own_px = vec2<f32>(textureDimensions(source));
     let last = vec2<i32>(own_px) - 1;
     let plane = plane_at(depth, depth_texel(depth, pixel.xy, own_px));
-    let most_m = settings.depth_share * view_depth_m(plane.z);
-    let turn = rotation(vec2<u32>(pixel.xy));
+    let max_off_m = settings.depth_share * view_depth_m(plane.z);
+    let rotation = pixel_rotation(vec2<u32>(pixel.xy));
     var sum = 0.0;
     var counted = 0.0;
     for (var i = 0u; i < settings.taps; i++) {
-        let tap = turned_tap(pixel.xy, turn, i, settings.taps, settings.radius_px);
+        let tap = rotated_tap(pixel.xy, rotation, i, settings.taps, settings.radius_px);
         let texel = clamp(vec2<i32>(floor(tap)), vec2(0), last);
         let seen = depth_texel(depth, vec2<f32>(texel) + 0.5, own_px);
-        if abs(beyond_plane_m(plane, depth, seen)) <= most_m {
+        if abs(beyond_plane_m(plane, seen, textureLoad(depth, seen, 0))) <= max_off_m {
             sum += textureLoad(source, texel, 0).x;
             counted += 1.0;
         }

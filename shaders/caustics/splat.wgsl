@@ -28,7 +28,7 @@ const SPLAT_ROWS: u32 = 32u;
 const UPPER: f32 = 4294967296.0;
 
 #if STEP == 1
-// Of the steps in `lower` and 2³² times those in `upper`.
+// Adds `lower` + 2³² · `upper` steps to the sum of a pixel.
 fn add(pixel: u32, pixels: u32, lower: u32, upper: u32) {
     let before = atomicAdd(&sums[pixel], lower);
     let carried = upper + select(0u, 1u, before > 0xffffffffu - lower);
@@ -40,7 +40,7 @@ fn add(pixel: u32, pixels: u32, lower: u32, upper: u32) {
 // Adds a photon to the pixels of its square in which nothing hides it.
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let index = dispatch::place(id, groups);
+    let index = dispatch::invocation_index(id, groups);
     if index >= settings.photons {
         return;
     }
@@ -104,13 +104,10 @@ struct Varying {
 #endif
 }
 
-// Outside the clip volume: drawn by no rasterizer.
-const NOWHERE: vec4<f32> = vec4<f32>(2.0, 2.0, 2.0, 1.0);
-
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {
     var drawn: Varying;
-    drawn.clip = NOWHERE;
+    drawn.clip = screen::NOT_DRAWN;
     let index = instance * settings.photons_per_instance + vertex / 4u;
     if index >= settings.photons {
         return drawn;
@@ -121,7 +118,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     }
     // The quad covers whole pixels: rasterizers move corners by up to 1/32 of a pixel, and must not decide about a pixel by that.
     let corner = select(splat.first, splat.end, vec2((vertex & 1u) != 0u, (vertex & 2u) != 0u));
-    let place = (corner / settings.size_px * 2.0 - 1.0) * vec2(1.0, -1.0);
+    let position = (corner / settings.size_px * 2.0 - 1.0) * vec2(1.0, -1.0);
     var depth = splat.depth;
 #if SURFACE == 1
     // The nearest of the pixels' depths: what is behind it in none is left out early, and the fragment decides about the others.
@@ -134,7 +131,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
 #else
     drawn.intensity = splat.intensity;
 #endif
-    drawn.clip = vec4(place, depth, 1.0);
+    drawn.clip = vec4(position, depth, 1.0);
     return drawn;
 }
 

@@ -1,5 +1,5 @@
 // defs: GROUP_SIZE=64, EDGE=64
-// Kernels of a compute pass. Every invocation of one leaves the same whole number.
+// Kernels that measure the adapter's limits in compute passes. Every invocation of a kernel writes the same whole number.
 struct Work {
     turns: u32,
     // Both 1, which the compiler cannot know.
@@ -13,8 +13,8 @@ struct Work {
 @group(0) @binding(3) var image: texture_2d<f32>;
 @group(0) @binding(4) var volume: texture_3d<f32>;
 
-// A workgroup reads a piece of the buffer, neighbouring invocations neighbouring words, four of which add up to 1. Each turn reads a piece
-// that is an eighth of the buffer or more away from those of the seven turns before, so that no cache smaller than that holds it. The
+// A workgroup reads a piece of the buffer, neighbouring invocations neighbouring words, four of which add up to 1. Each iteration reads a
+// piece that is an eighth of the buffer or more away from those of the seven before, so that no cache smaller than that holds it. The
 // buffer's length is a power of two. A buffer that is too short for all workgroups is read by several of them.
 @compute @workgroup_size(#{GROUP_SIZE})
 fn sum_words(
@@ -25,8 +25,8 @@ fn sum_words(
     let length = arrayLength(&data);
     let piece = max(length / groups.x, #{GROUP_SIZE}u);
     var sum = vec4<u32>(0u);
-    for (var turn = 0u; turn < work.turns; turn++) {
-        let start = group.x * piece + turn * (length / 8u * 5u) + lane;
+    for (var iteration = 0u; iteration < work.turns; iteration++) {
+        let start = group.x * piece + iteration * (length / 8u * 5u) + lane;
         for (var i = 0u; i < piece; i += #{GROUP_SIZE}u) {
             sum += data[(start + i) & (length - 1u)];
         }
@@ -34,7 +34,7 @@ fn sum_words(
     atomicStore(&results[group.x * #{GROUP_SIZE}u + lane], sum.x + sum.y + sum.z + sum.w);
 }
 
-// Texels are 0 and 1 in turns along each axis: eight neighbours add up to 4.
+// Texels alternate between 0 and 1 along each axis: eight neighbours add up to 4.
 fn texel_2d(at: vec2<u32>) -> f32 {
     return textureLoad(image, at & vec2<u32>(#{EDGE}u - 1u), 0).x;
 }
@@ -43,8 +43,8 @@ fn texel_2d(at: vec2<u32>) -> f32 {
 fn load_2d(@builtin(global_invocation_id) id: vec3<u32>) {
     var sum = 0.0;
     let x = vec2<u32>(1u, 0u);
-    for (var turn = 0u; turn < work.turns; turn++) {
-        let at = vec2<u32>(id.x, id.x / #{EDGE}u + turn);
+    for (var iteration = 0u; iteration < work.turns; iteration++) {
+        let at = vec2<u32>(id.x, id.x / #{EDGE}u + iteration);
         sum += texel_2d(at) + texel_2d(at + x) + texel_2d(at + 2u * x) + texel_2d(at + 3u * x);
         sum += texel_2d(at + 4u * x) + texel_2d(at + 5u * x) + texel_2d(at + 6u * x) + texel_2d(at + 7u * x);
     }
@@ -59,8 +59,8 @@ fn texel_3d(at: vec3<u32>) -> f32 {
 fn load_3d(@builtin(global_invocation_id) id: vec3<u32>) {
     var sum = 0.0;
     let x = vec3<u32>(1u, 0u, 0u);
-    for (var turn = 0u; turn < work.turns; turn++) {
-        let at = vec3<u32>(id.x, id.x / #{EDGE}u, turn);
+    for (var iteration = 0u; iteration < work.turns; iteration++) {
+        let at = vec3<u32>(id.x, id.x / #{EDGE}u, iteration);
         sum += texel_3d(at) + texel_3d(at + x) + texel_3d(at + 2u * x) + texel_3d(at + 3u * x);
         sum += texel_3d(at + 4u * x) + texel_3d(at + 5u * x) + texel_3d(at + 6u * x) + texel_3d(at + 7u * x);
     }
@@ -69,7 +69,7 @@ fn load_3d(@builtin(global_invocation_id) id: vec3<u32>) {
 
 @compute @workgroup_size(#{GROUP_SIZE})
 fn add(@builtin(global_invocation_id) id: vec3<u32>) {
-    for (var turn = 0u; turn < work.turns; turn++) {
+    for (var iteration = 0u; iteration < work.turns; iteration++) {
         atomicAdd(&results[id.x], 1u); atomicAdd(&results[id.x], 1u);
         atomicAdd(&results[id.x], 1u); atomicAdd(&results[id.x], 1u);
         atomicAdd(&results[id.x], 1u); atomicAdd(&results[id.x], 1u);
@@ -81,12 +81,12 @@ fn step(x: vec4<f32>) -> vec4<f32> {
     return fma(x, vec4<f32>(work.factor), vec4<f32>(work.addend));
 }
 
-// 64 multiply-adds a turn, in eight independent chains: more would not stay in the registers of a CPU.
+// 64 multiply-adds an iteration, in eight independent chains: more would not stay in the registers of a CPU.
 @compute @workgroup_size(#{GROUP_SIZE})
 fn multiply_add(@builtin(global_invocation_id) id: vec3<u32>) {
     var a = vec4<f32>(0.0);
     var b = vec4<f32>(1.0);
-    for (var turn = 0u; turn < work.turns; turn++) {
+    for (var iteration = 0u; iteration < work.turns; iteration++) {
         a = step(a); b = step(b); a = step(a); b = step(b);
         a = step(a); b = step(b); a = step(a); b = step(b);
         a = step(a); b = step(b); a = step(a); b = step(b);

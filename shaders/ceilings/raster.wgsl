@@ -1,5 +1,5 @@
 // defs: COLUMNS=128, ROWS=256, UNORM=0
-// The least work that draws something: a triangle over the whole target, and a grid of triangles of a pixel each.
+// The simplest draws: a triangle over the whole target, and a grid of triangles of a pixel each.
 
 @vertex
 fn whole(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
@@ -10,8 +10,8 @@ fn whole(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
 @vertex
 fn grid(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
     let corner = vec2<u32>(index % (#{COLUMNS}u + 1u), index / (#{COLUMNS}u + 1u));
-    let place = vec2<f32>(corner) / vec2<f32>(#{COLUMNS}.0, #{ROWS}.0);
-    return vec4<f32>(place * 2.0 - 1.0, 0.5, 1.0);
+    let share = vec2<f32>(corner) / vec2<f32>(#{COLUMNS}.0, #{ROWS}.0);
+    return vec4<f32>(share * 2.0 - 1.0, 0.5, 1.0);
 }
 
 // One, in the format's own steps.

@@ -1,6 +1,7 @@
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 // A wide line from water entry to hit for each photon, added up: UW §3.4.
 #import fathom::uniforms::{frame}
+#import fathom::math::{PI}
 #import fathom::photon::{Photon, angular_weight, entered, has_landed}
 #import fathom::screen
 #import fathom::shading::{water_path_m}
@@ -28,14 +29,13 @@ struct Varying {
     @builtin(position) clip: vec4<f32>,
     @location(0) position_m: vec3<f32>,
     // Distance from the water surface along the ray.
-    @location(1) depth_m: f32,
+    @location(1) distance_m: f32,
     @location(2) @interpolate(flat) direction: vec3<f32>,
     // I_photon with the rule's factors that are the same along the line, W.
     @location(3) @interpolate(flat) photon_w: f32,
 }
 
-const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), 0.0, vec3<f32>(0.0), 0.0);
-const PI: f32 = 3.14159265;
+const NOWHERE: Varying = Varying(screen::NOT_DRAWN, vec3<f32>(0.0), 0.0, vec3<f32>(0.0), 0.0);
 
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {
@@ -90,9 +90,9 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
     let to_viewer = frame.camera_position_m - in.position_m;
     let viewer_distance = length(to_viewer);
     let scattering = phase(dot(in.direction, to_viewer) / viewer_distance);
-    // As printed for a viewer in the water; to one above it only a part of the way leads through water.
+    // The paper's formula is for a viewer in the water; to one above it only a part of the path leads through water.
     let wet_m = select(viewer_distance, water_path_m(in.position_m), frame.camera_position_m.y > 0.0);
-    return vec4(in.photon_w * scattering * exp(-frame.attenuation_per_m * (wet_m + in.depth_m)));
+    return vec4(in.photon_w * scattering * exp(-frame.attenuation_per_m * (wet_m + in.distance_m)));
 }
 
 // The camera's depth brought to the size of this buffer, for the rasterizer's own depth test.

@@ -1,15 +1,19 @@
 // Horizon-split ambient occlusion: Dimitrov, Bavoil and Sainz, I3D 2008; distance attenuation as in Bavoil and Sainz, ShaderX7,
 // 2009; rejection of samples of other layers, VAO §6.
-// defs: HARD=0, COUNT=0
+// defs: HARD=0, COUNT=0, COUNTERS=1
 //
 // A slice is the half-plane through the shaded point that holds the eye and one direction of the picture; it is seen as a
 // line. Directions in it are angles θ from the one to the eye, dω = sin θ dθ dψ, and their cosine with the normal is
 // toward · cos θ + aside · sin θ. VAO Eq. 1 is A = 1/π ∫∫ ρ cos dω, cut at the horizon: what lies below is integrated in
 // closed form (part 1), what lies above is sampled with rays (part 2).
 #import fathom::uniforms::{frame, view_depth_m}
-#import fathom::random::{pcg, unit}
+#if COUNT == 1
+#import fathom::counters::{count}
+#endif
+#import fathom::math::{TAU}
+#import fathom::random::{GOLDEN, pcg, unit}
 #import fathom::screen
-#import fathom::sphere::{tangent_frame}
+#import fathom::sphere::{PLASTIC, tangent_frame}
 
 struct March {
     // Pixels of the occlusion buffer.
@@ -31,33 +35,19 @@ struct March {
 @group(1) @binding(1) var depth: texture_depth_2d;
 @group(1) @binding(2) var normals: texture_2d<f32>;
 #if COUNT == 1
-// A sum of 64 bits for each counter and slot: the lower word, then what was carried out of it.
-@group(1) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
-
-fn count(counter: u32, slot: u32, n: u32) {
-    let place = 2u * (64u * counter + slot);
-    let before = atomicAdd(&counters[place], n);
-    if before + n < before {
-        atomicAdd(&counters[place + 1u], 1u);
-    }
-}
 var<private> taken: u32 = 0u;
 #endif
 
-const TAU: f32 = 6.28318530717958648;
-// 2³² / golden ratio: seeds of neighbouring runs lie far apart.
-const SEED_STEP: u32 = 0x9E3779B9u;
-// Fractions of the golden ratio and of the plastic number: sequences of low discrepancy (Roberts 2018).
-const GOLDEN: f32 = 0.61803398875;
-const PLASTIC: vec2<f32> = vec2<f32>(0.75487766625, 0.56984029100);
+// Fraction of the golden ratio: a sequence of low discrepancy (Roberts 2018).
+const GOLDEN_FRACTION: f32 = 0.61803398875;
 // Smallest cosine between the normal and the direction to the eye: interpolated normals may point away.
-const LEAST_FACING: f32 = 0.02;
+const MIN_FACING: f32 = 0.02;
 // The search spans at most this sine of the angle at the eye.
-const MOST_REACH: f32 = 0.95;
+const MAX_REACH: f32 = 0.95;
 // Along a slice points lie at least this share of their distance beside it: the centres of near texels may lie aside.
-const LEAST_ALONG: f32 = 0.1;
+const MIN_ALONG: f32 = 0.1;
 // Ends of searches stay this far from the camera's plane, share of the point's view depth.
-const LEAST_W: f32 = 0.1;
+const MIN_W: f32 = 0.1;
 
 struct Point {
     texel: vec2<i32>,
@@ -128,8 +118,8 @@ fn surface_at(texel: vec2<i32>, z: f32) -> vec3<f32> {
     return frame.camera_position_m + view_depth_m(z) * ray;
 }
 
-fn to_pixels(clip: vec4<f32>) -> vec2<f32> {
-    return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * view_px();
+fn pixel_at(clip: vec4<f32>) -> vec2<f32> {
+    return screen::to_pixels(clip.xy / clip.w, view_px());
 }
 
 // ρ at a distance of `share` × r_max. VAO Eq. 1.
@@ -147,7 +137,7 @@ fn shaded_point(texel: vec2<i32>, z: f32) -> Point {
     let eye_m = length(away);
     let to_eye = away / eye_m;
     let stored = normalize(textureLoad(normals, texel, 0).xyz);
-    let lift = max(LEAST_FACING - dot(stored, to_eye), 0.0);
+    let lift = max(MIN_FACING - dot(stored, to_eye), 0.0);
     let clip = frame.camera_view_projection * vec4(position, 1.0);
     let eye_clip = frame.camera_view_projection * vec4(to_eye, 0.0);
     return Point(texel, position, normalize(stored + lift * to_eye), to_eye, eye_m, clip, eye_clip);
@@ -158,12 +148,12 @@ fn slice_along(point: Point, direction: vec3<f32>) -> Slice {
     let off = dot(point.normal, across);
     let clip = frame.camera_view_projection * vec4(direction, 0.0);
     // The sphere of radius r_max is seen to end where a line from the eye touches it.
-    let sine = min(settings.r_max_m / point.eye_m, MOST_REACH);
+    let sine = min(settings.r_max_m / point.eye_m, MAX_REACH);
     let rim = (sine * point.eye_clip + sqrt(1.0 - sine * sine) * clip) * sine * point.eye_m;
-    let least = (LEAST_W - 1.0) * point.clip.w;
-    let shorten = select(1.0, least / rim.w, rim.w < least);
+    let min_change = (MIN_W - 1.0) * point.clip.w;
+    let shorten = select(1.0, min_change / rim.w, rim.w < min_change);
     let start = vec2<f32>(point.texel) + 0.5;
-    let delta = to_pixels(point.clip + shorten * rim) - start;
+    let delta = pixel_at(point.clip + shorten * rim) - start;
     let room = select(start, view_px() - start, delta > vec2(0.0)) / max(abs(delta), vec2(1e-6));
     let length_px = length(delta);
     return Slice(
@@ -186,7 +176,7 @@ fn integral(slice: Slice, cosine: f32) -> f32 {
 fn cosine_of(point: Point, slice: Slice, v: vec3<f32>) -> f32 {
     let beside = dot(v, slice.across);
     let moved = v - slice.into * beside;
-    if dot(moved, slice.direction) < LEAST_ALONG * abs(beside) {
+    if dot(moved, slice.direction) < MIN_ALONG * abs(beside) {
         return -1.0;
     }
     return dot(moved, point.to_eye) / max(length(moved), 1e-12);
@@ -206,8 +196,8 @@ fn find_horizon(point: Point, slice: Slice, jitter: f32) -> Horizon {
     let last = vec2<i32>(view_px()) - 1;
     for (var k = 0u; k < settings.steps; k++) {
         let share = (f32(k) + jitter) / f32(settings.steps);
-        let place = start + slice.line * (1.0 + share * share * (slice.length_px - 1.0));
-        let texel = clamp(vec2<i32>(place), vec2(0), last);
+        let position_px = start + slice.line * (1.0 + share * share * (slice.length_px - 1.0));
+        let texel = clamp(vec2<i32>(position_px), vec2(0), last);
         let z = sample_depth(texel);
         let v = surface_at(texel, z) - point.position_m;
         let distance_m = length(v);
@@ -239,11 +229,11 @@ fn march(point: Point, slice: Slice, x: f32, jitter: f32) -> f32 {
         if clip.w <= frame.z_near_m {
             break;
         }
-        let place = to_pixels(clip);
-        if any(place < vec2(0.0)) || any(place >= view_px()) {
+        let position_px = pixel_at(clip);
+        if any(position_px < vec2(0.0)) || any(position_px >= view_px()) {
             break;
         }
-        let texel = vec2<i32>(place);
+        let texel = vec2<i32>(position_px);
         let z = sample_depth(texel);
         let behind_m = clip.w - view_depth_m(z);
         // Background has no depth: rays that pass the far plane would meet it there.
@@ -263,15 +253,15 @@ fn occlusion(point: Point, seed: u32) -> f32 {
     let first = pcg(seed);
     let second = pcg(first);
     let third = pcg(second);
-    let turn = unit(seed);
+    let rotation = unit(seed);
     let basis = tangent_frame(point.to_eye);
     var horizons = 0.0;
     var marched = 0.0;
     var ray = 0u;
     for (var i = 0u; i < settings.directions; i++) {
-        let angle = TAU * (f32(i) / f32(settings.directions) + turn);
+        let angle = TAU * (f32(i) / f32(settings.directions) + rotation);
         let slice = slice_along(point, basis[0] * cos(angle) + basis[1] * sin(angle));
-        let horizon = find_horizon(point, slice, fract(unit(first) + f32(i) * GOLDEN));
+        let horizon = find_horizon(point, slice, fract(unit(first) + f32(i) * GOLDEN_FRACTION));
         horizons += horizon.occluded;
         // This direction's part of the rays, in strata of cos θ.
         let from_ray = ray;
@@ -294,11 +284,11 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     if z >= 1.0 {
         return vec4(1.0);
     }
-    let place = vec2<u32>(pixel.xy);
+    let own = vec2<u32>(pixel.xy);
     sight = sight_of_camera();
-    let occluded = occlusion(shaded_point(texel, z), pcg(place.x + 65536u * place.y + settings.seed * SEED_STEP));
+    let occluded = occlusion(shaded_point(texel, z), pcg(own.x + 65536u * own.y + settings.seed * GOLDEN));
 #if COUNT == 1
-    let slot = place.x & 63u;
+    let slot = own.x & 63u;
     count(0u, slot, taken);
     count(1u, slot, 1u);
 #endif

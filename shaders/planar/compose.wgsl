@@ -1,9 +1,10 @@
 // defs: MAP=0
 // The picture: what the camera sees, its pool lit by the illumination map, all of it by the sky. SPT §1.1, Fig. 2.
 // MAP 1: the illumination map of the floor in its place.
+#import fathom::math::{PI}
 #import fathom::picture::{background, display, lambert, normal_at, seen_at, picture}
-#import fathom::pool::{NONE, Pool, face_at, place}
-#import fathom::shading::{PI, WATER_TINT, ambient, direct, fog, water_path_m}
+#import fathom::pool::{NONE, Pool, face_at, face_uv}
+#import fathom::shading::{WATER_TINT, ambient, direct, fog, water_path_m}
 
 @group(1) @binding(4) var<uniform> pool: Pool;
 // The illumination map, W/m².
@@ -31,7 +32,7 @@ fn photons(p_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     if face == NONE {
         return 0.0;
     }
-    let at = place(pool, face, p_m) * f32(pool.texels) - 0.5;
+    let at = face_uv(pool, face, p_m) * f32(pool.texels) - 0.5;
     let base = floor(at);
     let f = at - base;
     let first = vec2<i32>(base);

@@ -1,6 +1,7 @@
 // defs: TEST=1, WATER=0
-// The same rays, an invocation each, which leaves at the first hit, or at the last that is kept: the single-shader form of SPT §2.1.
-#import fathom::dispatch::place
+// An invocation for each photon walks its ray on the screen up to the first hit, or to the last that is kept: the single-shader form of
+// SPT §2.1.
+#import fathom::dispatch::{invocation_index}
 #import fathom::photon::{Photon}
 #import fathom::screen_ray::{Walk, hit, segment}
 #import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
@@ -13,7 +14,7 @@
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let photon = place(id, groups);
+    let photon = invocation_index(id, groups);
     if photon >= walk.photons {
         return;
     }

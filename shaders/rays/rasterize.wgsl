@@ -1,6 +1,7 @@
 // defs: TEST=1, WATER=0
-// A line for each photon into its own row, as many pixels long as the ray on the screen; each fragment is held against all
+// A line for each photon into its own row, as many pixels long as the ray on the screen; each fragment tests a step of the ray against all
 // layers: SPT §2.1.
+#import fathom::screen::{NOT_DRAWN}
 #import fathom::screen_ray::{Segment, Walk, hit, segment}
 #import fathom::transfer::{NO_HIT, Transfer}
 
@@ -18,7 +19,7 @@ struct Varying {
     @location(3) @interpolate(flat) photon: u32,
 }
 
-// So far into a pixel lines begin and end: they leave the diamonds of just the pixels that they should draw.
+// Lines begin and end so far within a pixel: by the diamond-exit rule they draw just the pixels that they should.
 const INSET_PX: f32 = 0.25;
 
 @vertex
@@ -28,7 +29,7 @@ fn vertex(@builtin(vertex_index) end: u32, @builtin(instance_index) photon: u32)
     let y_px = f32(photon % walk.rows) + 0.5;
     let ndc = vec2(x_px / f32(walk.max_steps), y_px / f32(walk.rows)) * vec2(2.0, -2.0) + vec2(-1.0, 1.0);
     // A ray out of view has no line.
-    let clip = select(vec4(2.0, 2.0, 2.0, 1.0), vec4(ndc, 0.0, 1.0), seg.steps > 0.0);
+    let clip = select(NOT_DRAWN, vec4(ndc, 0.0, 1.0), seg.steps > 0.0);
     return Varying(clip, seg.near, seg.far, vec3(seg.from_m, seg.to_m, seg.steps), photon);
 }
 

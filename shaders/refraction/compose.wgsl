@@ -4,7 +4,7 @@
 // scene can be detected as well". That of one layer is the G-buffer: a ray that meets what the camera does not see shows the environment.
 #import fathom::uniforms::{frame}
 #import fathom::picture::{depths, display, lambert, normal_at, seen_at}
-#import fathom::screen_ray::{Walk, distance_at, place_px, segment}
+#import fathom::screen_ray::{Walk, distance_at, to_pixel, segment}
 #import fathom::shading::{SKY_SHARE, to_light}
 #import fathom::shading
 #import fathom::surface_plane::{plane_at}
@@ -16,7 +16,7 @@
 
 // A step of a ray reaches this far beyond its pixel, in pixels.
 const OVERLAP: f32 = 0.5;
-// A ray that starts on a surface starts before it: glass that stands on it touches it. Share of the distance.
+// Rays start so much before a surface, as glass that stands on a surface touches it. Share of the distance to the far plane in device depth.
 const CONTACT: f32 = 1e-4;
 
 // Tiles of a side of the environment's cube.
@@ -36,10 +36,10 @@ fn environment(direction: vec3<f32>) -> vec3<f32> {
         uv = direction.xy / size.z;
         color = select(vec3(0.8, 0.6, 0.25), vec3(0.25, 0.35, 0.6), direction.z > 0.0);
     }
-    let place = (uv * 0.5 + 0.5) * TILES;
-    let tile = floor(place);
+    let tiles = (uv * 0.5 + 0.5) * TILES;
+    let tile = floor(tiles);
     let odd = fract((tile.x + tile.y) * 0.5) > 0.25;
-    let inside = abs(place - tile - 0.5);
+    let inside = abs(tiles - tile - 0.5);
     let shade = select(select(0.35, 1.0, odd), 0.1, max(inside.x, inside.y) > 0.5 - 0.5 * JOINT);
     return shading::lambert(color * shade, vec3(frame.light_irradiance));
 }
@@ -47,8 +47,8 @@ fn environment(direction: vec3<f32>) -> vec3<f32> {
 // The pixel that shows what a ray meets first within a distance; negative where the camera sees nothing there.
 fn seen_along(position_m: vec3<f32>, direction: vec3<f32>, far_m: f32) -> vec2<i32> {
     let seg = segment(walk, Transfer(position_m, FIRST, direction, 0.0));
-    let start = vec3(place_px(walk, seg.near), seg.near.z / seg.near.w);
-    let end = vec3(place_px(walk, seg.far), seg.far.z / seg.far.w);
+    let start = vec3(to_pixel(walk, seg.near), seg.near.z / seg.near.w);
+    let end = vec3(to_pixel(walk, seg.far), seg.far.z / seg.far.w);
     for (var number = 0.0; number < seg.steps; number += 1.0) {
         let texel = vec2<i32>(clamp(mix(start.xy, end.xy, (number + 0.5) / seg.steps), vec2(0.0), walk.size_px - 1.0));
         let plane = plane_at(depths, texel);
@@ -89,7 +89,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         direction = textureLoad(directions, at.texel, 0).xyz;
         let entry_m = frame.camera_position_m + exit.w * sight;
         let inside_m = distance(entry_m, exit.xyz);
-        // The way through the glass as a straight one, as it is between two surfaces; then the way behind it.
+        // The path through the glass is taken as straight, as it is between two surfaces; then comes the path behind it.
         seen = vec2(-1);
         if inside_m > 0.0 {
             seen = seen_along(entry_m, (exit.xyz - entry_m) / inside_m, inside_m);

@@ -1,7 +1,7 @@
 // defs: ENDS=0, TEST=1, WATER=0
 // Lines of sight through glass, refracted several times: SPT §4.
 //
-// Defs: ENDS 1 takes the ends of lines that others have drawn, as in the paper. ENDS 0 walks each ray pixel by pixel: the surfaces of all
+// Defs: ENDS 1 takes the ends of rays that `rays/*` have found, as in the paper. ENDS 0 walks each ray pixel by pixel: the surfaces of all
 // layers are planes, each by itself, and of those that it passes it takes the nearest, since solids that are not convex are not met in the
 // order of the layers. It is exact but where a ray leaves through a face that no pixel's middle shows, or where faces meet whose texels show
 // others: with solids 30 pixels wide up to 1 % of the exits, none of index 1.
@@ -10,7 +10,7 @@
 #import fathom::optics
 #import fathom::photon::{Photon, has_landed}
 #import fathom::refraction::{Exit, NO_EXIT}
-#import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, smoothed}
+#import fathom::screen_ray::{Segment, Walk, distance_at, to_pixel, segment, smoothed, texel_at}
 #import fathom::surface_texel::{Surface}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
 
@@ -36,14 +36,10 @@ struct End {
     at_m: f32,
     surface: Surface,
     // What the texel of the surface shows in its middle.
-    place_m: vec3<f32>,
+    position_m: vec3<f32>,
 }
 
 const NOWHERE: End = End(NO_HIT, NO_SURFACE, vec3<f32>(0.0));
-
-fn texel_in(place: vec2<f32>) -> vec2<i32> {
-    return vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
-}
 
 #if ENDS == 1
 // "The normal at this point is fetched from the depth image."
@@ -54,17 +50,17 @@ fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
         return NOWHERE;
     }
     let clip = frame.camera_view_projection * vec4(end.hit_m, 1.0);
-    let surface = surface_near(depths, surfaces, walk.layers, texel_in(place_px(walk, clip)), clip.w);
+    let surface = surface_near(depths, surfaces, walk.layers, texel_at(walk, to_pixel(walk, clip)), clip.w);
     return End(end.distance_m, surface, vec3(0.0));
 }
 #else
 // Where a ray passes the plane of a layer; nowhere where it cannot, from within glass or from outside.
 fn passes(ray: Transfer, inside: bool, texel: vec2<i32>, layer: u32) -> End {
     let surface = surface_at(surfaces, texel, layer);
-    let place_m = world_at((vec2<f32>(texel) + 0.5) / walk.size_px, textureLoad(depths, texel, layer, 0).x);
+    let position_m = world_at((vec2<f32>(texel) + 0.5) / walk.size_px, textureLoad(depths, texel, layer, 0).x);
     let rate = dot(ray.direction, surface.geometric_normal);
     let at_m = (surface.plane_m - dot(ray.position_m - frame.camera_position_m, surface.geometric_normal)) / rate;
-    return End(select(NO_HIT, at_m, rate != 0.0 && (rate > 0.0) == inside), surface, place_m);
+    return End(select(NO_HIT, at_m, rate != 0.0 && (rate > 0.0) == inside), surface, position_m);
 }
 
 // A ray against all layers of a texel.
@@ -83,7 +79,7 @@ fn column(ray: Transfer, inside: bool, texel: vec2<i32>, from_m: f32, middle_m: 
     for (var layer = 0u; layer < walk.layers && textureLoad(depths, texel, layer, 0).x < 1.0; layer++) {
         let end = passes(ray, inside, texel, layer);
         let normal = end.surface.geometric_normal;
-        let is_back = dot(normal, end.place_m - frame.camera_position_m) > 0.0;
+        let is_back = dot(normal, end.position_m - frame.camera_position_m) > 0.0;
         // The camera is in glass.
         solids += select(0, 1, layer == 0u && is_back);
         let is_behind = (dot(middle - frame.camera_position_m, normal) > end.surface.plane_m) == is_back;
@@ -102,15 +98,15 @@ fn column(ray: Transfer, inside: bool, texel: vec2<i32>, from_m: f32, middle_m: 
 // The texel that a step shows decides, so that a ray at an edge may pass a surface that another texel shows.
 fn roughly(ray: Transfer, inside: bool) -> End {
     let seg = segment(walk, ray);
-    let start = place_px(walk, seg.near);
-    let end = place_px(walk, seg.far);
+    let start = to_pixel(walk, seg.near);
+    let end = to_pixel(walk, seg.far);
     var before = NOWHERE;
     var before_m = 0.0;
     for (var number = 0.0; number < seg.steps; number += 1.0) {
         let middle = (number + 0.5) / seg.steps;
         let middle_m = distance_at(seg, middle);
         let to_m = distance_at(seg, (number + 1.0) / seg.steps);
-        let here = column(ray, inside, texel_in(mix(start, end, middle)), distance_at(seg, number / seg.steps), middle_m);
+        let here = column(ray, inside, texel_at(walk, mix(start, end, middle)), distance_at(seg, number / seg.steps), middle_m);
         if here.next.at_m <= to_m {
             return here.next;
         }
@@ -128,8 +124,8 @@ fn roughly(ray: Transfer, inside: bool) -> End {
     return before;
 }
 
-fn px_at(place_m: vec3<f32>) -> vec2<f32> {
-    return place_px(walk, frame.camera_view_projection * vec4(place_m, 1.0));
+fn px_at(position_m: vec3<f32>) -> vec2<f32> {
+    return to_pixel(walk, frame.camera_view_projection * vec4(position_m, 1.0));
 }
 
 // Texels around a place along each axis.
@@ -142,19 +138,19 @@ const EXACT_PX: f32 = 0.01;
 fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
     var best = roughly(ray, inside);
     let end_px = px_at(ray.position_m + best.at_m * ray.direction);
-    if best.at_m >= NO_HIT || distance(end_px, px_at(best.place_m)) < EXACT_PX {
+    if best.at_m >= NO_HIT || distance(end_px, px_at(best.position_m)) < EXACT_PX {
         return best;
     }
     let corner = floor(end_px - 0.5);
     for (var i = 0u; i < AROUND * AROUND; i++) {
-        let texel = texel_in(corner + vec2(f32(i % AROUND), f32(i / AROUND)));
+        let texel = texel_at(walk, corner + vec2(f32(i % AROUND), f32(i / AROUND)));
         for (var layer = 0u; layer < walk.layers && textureLoad(depths, texel, layer, 0).x < 1.0; layer++) {
             let other = passes(ray, inside, texel, layer);
             if other.at_m < 0.0 || other.at_m >= NO_HIT {
                 continue;
             }
-            let beyond = dot(other.place_m - best.place_m, best.surface.geometric_normal);
-            let back = dot(best.place_m - other.place_m, other.surface.geometric_normal);
+            let beyond = dot(other.position_m - best.position_m, best.surface.geometric_normal);
+            let back = dot(best.position_m - other.position_m, other.surface.geometric_normal);
             if beyond * back > 0.0 && (other.at_m < best.at_m) == ((beyond < 0.0) == inside) {
                 best = other;
             }
@@ -172,9 +168,9 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> Exit {
         return NO_EXIT;
     }
     var surface = surface_at(surfaces, texel, 0u);
-    let place_m = world_at(pixel.xy / walk.size_px, z);
-    let entry_m = distance(place_m, frame.camera_position_m);
-    var ray = Transfer(place_m, FIRST, normalize(place_m - frame.camera_position_m), 0.0);
+    let position_m = world_at(pixel.xy / walk.size_px, z);
+    let entry_m = distance(position_m, frame.camera_position_m);
+    var ray = Transfer(position_m, FIRST, normalize(position_m - frame.camera_position_m), 0.0);
     // The camera is in glass where the first surface shows its inner side.
     var inside = dot(ray.direction, surface.geometric_normal) > 0.0;
     for (var number = 0u; number < settings.refractions; number++) {

@@ -1,4 +1,4 @@
-// defs: SLICED=0, BEER=0, REJECTION=1, SPHERE=0
+// defs: AT_ISOSURFACE=0, BEER=0, ISOSURFACE=0, REJECTION=1, SLICED=0, SPHERE=0
 // Direct volume rendering with ambient occlusion over the hemisphere down the gradient. VAO §5.2.2, Eq. 3.
 #import fathom::media::{Targets, composite}
 

@@ -1,9 +1,10 @@
-// defs: AT_ISOSURFACE=1, LINEAR=1, OPACITY=0, REJECTION=1
+// defs: AT_ISOSURFACE=1, BEER=0, ISOSURFACE=1, LINEAR=1, OPACITY=0, REJECTION=1
 // First isosurface on the view ray with ambient occlusion. VAO §5.2.1; marching as in §5.1.
 //
 // AT_ISOSURFACE 1: rays stop at values near the isosurface's; 0: at values from V_thres. LINEAR 1: ρ = 1 − d / r_max; 0: 1.
 // OPACITY 1: rays begin at the surface and gather opacity up to their stop (Eq. 7). REJECTION 1: samples of falling value do not count (Eq. 4).
-#import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
+#import fathom::obscurance::{is_occluder, obscurance}
+#import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display}
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
 #import fathom::sphere::{shift_of, shifted_point, cosine_direction, tangent_frame}
 
@@ -64,43 +65,9 @@ fn level() -> f32 {
 #endif
 }
 
-fn occluder(v: f32) -> bool {
-#if AT_ISOSURFACE == 1
-    return abs(v - level()) < march.tolerance;
-#else
-    return v >= level();
-#endif
-}
-
 #if OPACITY == 1
-// γ: obscurance along a ray up to its stop. VAO Eq. 7, with strata of equal length, jittered alike (§5.2.3). `first` is V where the ray
-// begins, which rejection asks for.
 fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32, first: f32) -> f32 {
-    let reach = min(march.r_max_m, through_box(position_m, direction).y);
-    let stratum = march.stratum_m / field.voxel_m;
-    let least = pow(OPAQUE, 1.0 / stratum);
-    var before = first;
-    var clear = 1.0;
-    for (var k = 0u; k < march.samples; k++) {
-        let d = (f32(k) + jitter) * march.stratum_m;
-        if d >= reach {
-            break;
-        }
-        let raw = value(position_m + d * direction, 0.0);
-        let v = windowed(raw);
-#if REJECTION == 1
-        let falling = v < before;
-        before = v;
-        if falling {
-            continue;
-        }
-#endif
-        clear *= 1.0 - march.opacity * v;
-        if occluder(raw) || clear < least {
-            break;
-        }
-    }
-    return 1.0 - pow(max(clear, 1e-30), stratum);
+    return obscurance(position_m, direction, jitter, first, 0.0);
 }
 #else
 // ρ of the nearest occluder along a ray; 0 where there is none, and for rays that do not leave the guard (VAO §5.1).
@@ -116,7 +83,7 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jit
     for (var k = 0u; before < reach; k++) {
         let d = min(start + f32(k) * march.stratum_m, reach);
         let v = value(position_m + d * direction, 0.0);
-        if occluder(v) {
+        if is_occluder(v) {
 #if LINEAR == 1
             // A sample lies up to a stratum behind the surface that it finds.
             var met = d;
@@ -137,7 +104,7 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jit
 // A of VAO Eq. 1 by cosine-distributed rays.
 fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let shift = shift_of(seed);
-    let turn = tangent_frame(normal);
+    let basis = tangent_frame(normal);
 #if OPACITY == 1
     let first = windowed(value(position_m, 0.0));
 #else
@@ -146,7 +113,7 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
         let point = shifted_point(j, march.rays, shift);
-        sum += obscurity(position_m, normal, turn * cosine_direction(point.xy), point.z, first);
+        sum += obscurity(position_m, normal, basis * cosine_direction(point.xy), point.z, first);
     }
     return sum / f32(march.rays);
 }

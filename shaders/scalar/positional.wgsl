@@ -1,4 +1,4 @@
-// defs: SLICED=0, BEER=0, REJECTION=1, SPHERE=1
+// defs: AT_ISOSURFACE=0, BEER=0, ISOSURFACE=0, REJECTION=1, SLICED=0, SPHERE=1
 // Participating media with positional ambient occlusion. VAO §5.2.4, Eq. 8.
 #import fathom::media::{Targets, composite}
 

@@ -1,8 +1,9 @@
-// Moving geometry: vertices at rest to vertices of this moment, with their normals.
+// Moves vertices and their normals from rest to where they are at this moment.
 // defs: MOTION=0
 //
 // Motions: 0 spin, 1 twist, 2 wave.
-#import fathom::dispatch::{GROUP, place}
+#import fathom::dispatch::{GROUP, invocation_index}
+#import fathom::math::{TAU}
 
 struct Deform {
     vertices: u32,
@@ -24,16 +25,14 @@ struct Pivot {
 @group(0) @binding(2) var<storage, read> rest: array<u32>;
 @group(0) @binding(3) var<storage, read_write> vertices: array<u32>;
 
-const TAU: f32 = 6.28318531;
-
 struct Corner {
     // From the pivot's foot.
     position_m: vec3<f32>,
     normal: vec3<f32>,
 }
 
-// Turned about y: from x towards -z, as a right-handed turn is.
-fn turned(v: vec3<f32>, angle: f32) -> vec3<f32> {
+// A right-handed rotation about y: from x towards −z.
+fn rotated(v: vec3<f32>, angle: f32) -> vec3<f32> {
     let c = cos(angle);
     let s = sin(angle);
     return vec3(c * v.x + s * v.z, v.y, c * v.z - s * v.x);
@@ -42,14 +41,14 @@ fn turned(v: vec3<f32>, angle: f32) -> vec3<f32> {
 #if MOTION == 0
 fn moved(at: Corner, height_m: f32, per_height: f32) -> Corner {
     let angle = TAU * deform.cycles;
-    return Corner(turned(at.position_m, angle), turned(at.normal, angle));
+    return Corner(rotated(at.position_m, angle), rotated(at.normal, angle));
 }
 #else if MOTION == 1
 // The normal is that of the map's inverse transpose: it stays across to tangents that lean with the twist.
 fn moved(at: Corner, height_m: f32, per_height: f32) -> Corner {
     let lean = TAU * deform.amplitude * sin(TAU * deform.cycles) * per_height;
-    let position = turned(at.position_m, lean * at.position_m.y);
-    var normal = turned(at.normal, lean * at.position_m.y);
+    let position = rotated(at.position_m, lean * at.position_m.y);
+    var normal = rotated(at.normal, lean * at.position_m.y);
     normal.y -= lean * dot(vec2(position.z, -position.x), normal.xz);
     return Corner(position, normalize(normal));
 }
@@ -78,7 +77,7 @@ fn store(first: u32, value: vec3<f32>) {
 
 @compute @workgroup_size(GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let number = place(id, groups);
+    let number = invocation_index(id, groups);
     if number >= deform.vertices {
         return;
     }

@@ -1,15 +1,8 @@
 // Albedo, normal, specular coefficient and depth from the camera in one multi-target pass: UW §3.2, VAO §6.
 #import fathom::uniforms::{frame}
-#import fathom::surface::{Material, SceneVertex, albedo}
+#import fathom::surface::{Material, SceneVertex, Varying, albedo, projected}
 
 @group(1) @binding(0) var<storage, read> materials: array<Material>;
-
-struct Varying {
-    @builtin(position) clip: vec4<f32>,
-    @location(0) position_m: vec3<f32>,
-    @location(1) normal: vec3<f32>,
-    @location(2) @interpolate(flat) material: u32,
-}
 
 struct Targets {
     @location(0) albedo: vec4<f32>,
@@ -19,8 +12,7 @@ struct Targets {
 
 @vertex
 fn vertex(in: SceneVertex) -> Varying {
-    let clip = frame.camera_view_projection * vec4(in.position_m, 1.0);
-    return Varying(clip, in.position_m, in.normal, in.material);
+    return projected(in, frame.camera_view_projection);
 }
 
 @fragment

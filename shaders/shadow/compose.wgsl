@@ -8,11 +8,11 @@
 @group(1) @binding(4) var<storage, read> photons: array<Photon>;
 
 // Whether something lies between a place and the light, the place's own triangle included.
-fn shadowed(photon: Photon, place: vec3<f32>) -> bool {
+fn shadowed(photon: Photon, position_m: vec3<f32>) -> bool {
     if !has_landed(photon) {
         return photon.fate == MISSED;
     }
-    return frame.light_is_point == 0u || photon.distance_m < distance(place, frame.light_position_m);
+    return frame.light_is_point == 0u || photon.distance_m < distance(position_m, frame.light_position_m);
 }
 
 @fragment

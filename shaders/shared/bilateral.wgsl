@@ -5,6 +5,7 @@
 #import fathom::disc::{GOLDEN_ANGLE}
 #import fathom::uniforms::{frame, view_depth_m}
 #import fathom::screen::{texel_behind}
+#import fathom::surface_plane::{beyond_plane_m, plane_at}
 
 struct Filter {
     // Pixels of the viewport.
@@ -24,83 +25,92 @@ struct Filter {
 }
 
 const NO_NORMALS: f32 = 1000.0;
-// Weight below which the taps say nothing: the one nearest in depth is taken.
-const LEAST_WEIGHT: f32 = 1e-4;
-// Farther than any tap lies from the pixel's plane, metres.
-const NONE: f32 = 1e30;
-// Where no tap shows a surface, the nearest in depth is sought among all texels so far to each side at most.
-const MOST_SOUGHT: f32 = 8.0;
+// Below this sum of weights the tap nearest in depth is taken.
+const MIN_WEIGHT: f32 = 1e-4;
+// Farther than any tap lies from the pixel's plane.
+const TOO_FAR_M: f32 = 1e30;
+// Where no tap shows a surface, texels so far to each side are searched at most.
+const MAX_REACH_PX: f32 = 8.0;
 
-fn device_depth(depth: texture_depth_2d, texel: vec2<i32>) -> f32 {
-    return textureLoad(depth, clamp(texel, vec2(0), vec2<i32>(textureDimensions(depth)) - 1), 0);
-}
+@group(1) @binding(0) var<storage, read> settings: Filter;
+@group(1) @binding(1) var source: texture_2d<f32>;
+@group(1) @binding(2) var depth: texture_depth_2d;
+@group(1) @binding(3) var normals: texture_2d<f32>;
 
-// Change of device depth from a texel to the next one along an axis: the smaller of the two one-sided differences, which
-// is that of the surface the texel lies on where the other crosses an edge.
-fn slope_along(depth: texture_depth_2d, texel: vec2<i32>, z: f32, axis: vec2<i32>) -> f32 {
-    let ahead = texel + axis;
-    let behind = texel - axis;
-    let forward = device_depth(depth, ahead) - z;
-    let backward = z - device_depth(depth, behind);
-    if any(behind < vec2(0)) {
-        return forward;
-    }
-    if any(ahead >= vec2<i32>(textureDimensions(depth))) {
-        return backward;
-    }
-    return select(backward, forward, abs(forward) < abs(backward));
-}
-
-// Place of a tap in a unit disc: Vogel's spiral with its first tap in the middle and its last on the rim.
+// Offset of a tap in a unit disc: Vogel's spiral with its first tap in the middle and its last on the rim.
 fn disc_tap(i: u32, taps: u32) -> vec2<f32> {
     let angle = f32(i) * GOLDEN_ANGLE;
     return sqrt(f32(i) / f32(max(taps, 2u) - 1u)) * vec2(cos(angle), sin(angle));
 }
 
-// Visibility at a pixel of the viewport; 1 where nothing was drawn.
-fn filtered(
-    source: texture_2d<f32>,
-    depth: texture_depth_2d,
-    normals: texture_2d<f32>,
-    settings: Filter,
-    pixel: vec2<f32>,
-) -> f32 {
-    let here = vec2<i32>(pixel);
-    let z = textureLoad(depth, here, 0);
-    if z >= 1.0 {
-        return 1.0;
-    }
-    // Device depth is linear on planes, so that its slope predicts a plane's depth exactly.
-    let slope = vec2(
-        slope_along(depth, here, z, vec2(1, 0)), slope_along(depth, here, z, vec2(0, 1)));
-    let view_m = view_depth_m(z);
+// A disc on the surface as the screen shows it: shorter along the surface's gradient, by the cosine of the surface's tilt.
+struct TiltedDisc {
+    // Unit vector along the gradient.
+    uphill: vec2<f32>,
+    // By what share it is shorter.
+    shrink: f32,
+}
+
+fn tilted_disc(slope: vec2<f32>, view_m: f32) -> TiltedDisc {
     let range = (frame.z_far_m - frame.z_near_m) / (frame.z_far_m * frame.z_near_m);
-    // Metres of depth per metre across, ∂(view depth)/∂(device depth) = view_m² · range. The kernel is a disc that lies
-    // on the surface: it shrinks along the gradient by the cosine of the surface's tilt.
+    // Metres of depth per metre across, ∂(view depth)/∂(device depth) = view_m² · range.
     let tilt = slope * view_m * range / settings.pixel_tangent;
     let steepness = length(tilt);
-    let uphill = tilt / max(steepness, 1e-6);
-    let shrink = 1.0 - inverseSqrt(1.0 + steepness * steepness);
+    return TiltedDisc(tilt / max(steepness, 1e-6), 1.0 - inverseSqrt(1.0 + steepness * steepness));
+}
 
+fn texel_seen(center: vec2<f32>) -> vec2<i32> {
+    return texel_behind(center, settings.source_px, settings.size_px);
+}
+
+// Visibility of the texel around a pixel that is nearest to it in depth, 1 where none shows a surface: what is as thin as a twig can lie
+// between the taps.
+fn nearest_around(middle: vec2<f32>, view_m: f32) -> f32 {
+    let reach = i32(min(ceil(settings.radius_px), MAX_REACH_PX));
+    let low = max(vec2<i32>(middle) - reach, vec2(0));
+    let high = min(vec2<i32>(middle) + reach, vec2<i32>(settings.source_px) - 1);
+    var nearest = 1.0;
+    var nearest_m = TOO_FAR_M;
+    for (var y = low.y; y <= high.y; y++) {
+        for (var x = low.x; x <= high.x; x++) {
+            let tap_z = textureLoad(depth, texel_seen(vec2(f32(x), f32(y)) + 0.5), 0);
+            let off_m = abs(view_depth_m(tap_z) - view_m);
+            if tap_z < 1.0 && off_m < nearest_m {
+                nearest_m = off_m;
+                nearest = textureLoad(source, vec2(x, y), 0).x;
+            }
+        }
+    }
+    return nearest;
+}
+
+// Visibility at a pixel of the viewport; 1 where nothing was drawn.
+fn filtered(pixel: vec2<f32>) -> f32 {
+    let here = vec2<i32>(pixel);
+    if textureLoad(depth, here, 0) >= 1.0 {
+        return 1.0;
+    }
+    let plane = plane_at(depth, here);
+    let view_m = view_depth_m(plane.z);
+    let disc = tilted_disc(plane.slope, view_m);
     let normal = normalize(textureLoad(normals, here, 0).xyz);
     let last = vec2<i32>(settings.source_px) - 1;
     let middle = pixel * (settings.source_px / settings.size_px);
     var sum = 0.0;
     var weights = 0.0;
     var nearest = 1.0;
-    var nearest_m = NONE;
+    var nearest_m = TOO_FAR_M;
     for (var i = 0u; i < settings.taps; i++) {
         var offset = settings.radius_px * disc_tap(i, settings.taps);
-        offset -= shrink * dot(offset, uphill) * uphill;
+        offset -= disc.shrink * dot(offset, disc.uphill) * disc.uphill;
         let texel = clamp(vec2<i32>(floor(middle + offset)), vec2(0), last);
         let center = vec2<f32>(texel) + 0.5;
-        let seen = texel_behind(center, settings.source_px, settings.size_px);
+        let seen = texel_seen(center);
         let tap_z = textureLoad(depth, seen, 0);
         if tap_z >= 1.0 {
             continue;
         }
-        let plane_z = clamp(z + dot(slope, vec2<f32>(seen - here)), 0.0, 1.0);
-        let off_m = abs(view_depth_m(tap_z) - view_depth_m(plane_z));
+        let off_m = abs(beyond_plane_m(plane, seen, tap_z));
         let value = textureLoad(source, texel, 0).x;
         if off_m < nearest_m {
             nearest_m = off_m;
@@ -108,33 +118,16 @@ fn filtered(
         }
         let across = (center - middle) / settings.sigma_px;
         let along = off_m / (settings.depth_sigma * view_m);
-        var turned = vec3(0.0);
+        var bend = vec3(0.0);
         if settings.normal_sigma < NO_NORMALS {
-            turned = (normalize(textureLoad(normals, seen, 0).xyz) - normal) / settings.normal_sigma;
+            bend = (normalize(textureLoad(normals, seen, 0).xyz) - normal) / settings.normal_sigma;
         }
-        let weight = exp(-0.5 * (dot(across, across) + along * along + dot(turned, turned)));
+        let weight = exp(-0.5 * (dot(across, across) + along * along + dot(bend, bend)));
         sum += weight * value;
         weights += weight;
     }
-    if nearest_m == NONE {
-        // What is as thin as a twig can lie between the taps.
-        let reach = i32(min(ceil(settings.radius_px), MOST_SOUGHT));
-        let low = max(vec2<i32>(middle) - reach, vec2(0));
-        let high = min(vec2<i32>(middle) + reach, last);
-        for (var y = low.y; y <= high.y; y++) {
-            for (var x = low.x; x <= high.x; x++) {
-                let seen = texel_behind(vec2(f32(x), f32(y)) + 0.5, settings.source_px, settings.size_px);
-                let tap_z = textureLoad(depth, seen, 0);
-                let off_m = abs(view_depth_m(tap_z) - view_m);
-                if tap_z < 1.0 && off_m < nearest_m {
-                    nearest_m = off_m;
-                    nearest = textureLoad(source, vec2(x, y), 0).x;
-                }
-            }
-        }
+    if nearest_m == TOO_FAR_M {
+        return nearest_around(middle, view_m);
     }
-    if weights < LEAST_WEIGHT {
-        return nearest;
-    }
-    return sum / weights;
+    return select(sum / weights, nearest, weights < MIN_WEIGHT);
 }

@@ -1,6 +1,7 @@
-// What layered depth holds at a place.
+// Look-ups in layered depth images.
 #define_import_path fathom::layers
 
+#import fathom::screen::{to_pixels}
 #import fathom::uniforms::{frame, view_depth_m}
 #import fathom::surface_texel::{Surface, unpacked}
 
@@ -32,5 +33,5 @@ fn surface_near(
 
 // Texel that shows a place in view.
 fn texel_of(ndc: vec2<f32>, size_px: vec2<f32>) -> vec2<i32> {
-    return vec2<i32>(min((ndc * vec2(0.5, -0.5) + 0.5) * size_px, size_px - 1.0));
+    return vec2<i32>(min(to_pixels(ndc, size_px), size_px - 1.0));
 }

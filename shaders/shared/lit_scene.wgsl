@@ -5,13 +5,6 @@
 #import fathom::uniforms::{frame}
 #import fathom::surface::{Material, albedo}
 
-struct Varying {
-    @builtin(position) clip: vec4<f32>,
-    @location(0) position_m: vec3<f32>,
-    @location(1) normal: vec3<f32>,
-    @location(2) @interpolate(flat) material: u32,
-}
-
 // Geometry is kept this far past the water plane, so that waves do not open gaps, as a share of half the water's side: 10 cm in scene tank.
 const OVERLAP: f32 = 0.02;
 

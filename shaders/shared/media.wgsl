@@ -1,12 +1,12 @@
 // Participating media along view rays, with ambient occlusion at each contributing sample. VAO §5.2.2 to §5.2.4.
 //
-// V of the equations is the windowed value. BEER 1: it is a density (Eq. 5); 0: an opacity (Eq. 7). REJECTION 1: samples
-// of falling density do not count (Eq. 4). SLICED 1: a pass takes a slice of the steps along the view ray. SPHERE 1: positional ambient occlusion (Eq. 8); 0: over the hemisphere down
-// the gradient (Eq. 3).
+// V of the equations is the windowed value. BEER 1: it is a density (Eq. 5); 0: an opacity (Eq. 7). SLICED 1: a pass takes a slice of the
+// steps along the view ray. SPHERE 1: positional ambient occlusion (Eq. 8); 0: over the hemisphere down the gradient (Eq. 3).
 #define_import_path fathom::media
 
+#import fathom::obscurance::{obscurance}
 #import fathom::ray_cast::{march, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
-#import fathom::scalar_field::{field, value, outward, through_box, look_ups}
+#import fathom::scalar_field::{field, value, outward, look_ups}
 #import fathom::slice::{Slice}
 #import fathom::sphere::{shift_of, shifted_point, cosine_direction, sphere_direction, tangent_frame}
 
@@ -40,57 +40,12 @@ fn attenuation(v: f32) -> f32 {
 #endif
 }
 
-// γ: obscurance along a ray from a point whose own windowed value is `first`. VAO Eq. 5, 7. Strata of equal length, jittered
-// alike (Pauly et al. 2000); the box bounds the medium.
-fn obscurance(origin_m: vec3<f32>, direction: vec3<f32>, jitter: f32, first: f32) -> f32 {
-    let reach = min(march.r_max_m, through_box(origin_m, direction).y);
-    var before = first;
-#if BEER == 1
-    var density = 0.0;
-#else
-    var clear = 1.0;
-    let stratum = march.stratum_m / field.voxel_m;
-    let least = pow(OPAQUE, 1.0 / stratum);
-#endif
-    for (var k = 0u; k < march.samples; k++) {
-        let d = (f32(k) + jitter) * march.stratum_m;
-        if d >= reach {
-            break;
-        }
-        let v = windowed(value(origin_m + d * direction, march.level));
-#if REJECTION == 1
-        let falling = v < before;
-        before = v;
-        if falling {
-            continue;
-        }
-#endif
-        // Marching ends where V_thres is exceeded, or where the obscurance is near 1 (VAO §5.2.2).
-#if BEER == 1
-        density += v;
-        if v > march.threshold || density * march.density_per_m * march.stratum_m > -log(OPAQUE) {
-            break;
-        }
-#else
-        clear *= 1.0 - march.opacity * v;
-        if v > march.threshold || clear < least {
-            break;
-        }
-#endif
-    }
-#if BEER == 1
-    return 1.0 - exp(-density * march.density_per_m * march.stratum_m);
-#else
-    return 1.0 - pow(max(clear, 1e-30), stratum);
-#endif
-}
-
 // A at a point: the mean of γ over directions, cosine-distributed for Eq. 3, so that no factor is left to apply.
 fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let shift = shift_of(seed);
     let first = windowed(value(position_m, march.level));
 #if SPHERE == 0
-    let turn = tangent_frame(normal);
+    let basis = tangent_frame(normal);
 #endif
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
@@ -98,9 +53,9 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
 #if SPHERE == 1
         let direction = sphere_direction(point.xy);
 #else
-        let direction = turn * cosine_direction(point.xy);
+        let direction = basis * cosine_direction(point.xy);
 #endif
-        sum += obscurance(position_m, direction, point.z, first);
+        sum += obscurance(position_m, direction, point.z, first, march.level);
     }
     return sum / f32(march.rays);
 }

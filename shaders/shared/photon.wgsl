@@ -1,50 +1,54 @@
 // Photons from the light to the water, and what they carry into it: UW §3.3. Where they land: fathom::estimator.
 #define_import_path fathom::photon
 
+#import fathom::math::{perspective_divide}
+#import fathom::screen::{to_pixels}
+#import fathom::shading::{to_light}
 #import fathom::uniforms::{frame}
 #import fathom::water
 
 struct Photon {
     entry_m: vec3<f32>,
-    // One of those below; of a photon that lands the bits of the distance between where it lands and what the light sees there.
+    // A tag, one of those below, or of a photon that has landed `landed_fate`.
     fate: u32,
     hit_m: vec3<f32>,
     // From entry to hit.
     distance_m: f32,
 }
 
-// Fates of photons that do not land. Host twins: src/stages/shared/photon.rs.
+// Fates of photons that have not landed: the upper bit tells them from a residual. The host reads them in src/stages/shared/photon.rs.
 // It never enters the water.
-const MISSED: u32 = 0xbf800000u;
+const MISSED: u32 = 0x80000001u;
 // It left the light's frustum, or meets nothing.
-const OUTSIDE: u32 = 0xc0000000u;
-// It is still between mirrors or glass after the most bounces.
-const STILL_BOUNCING: u32 = 0xc0400000u;
+const OUTSIDE: u32 = 0x80000002u;
+// It is still between mirrors or glass after its last bounce.
+const STILL_BOUNCING: u32 = 0x80000003u;
+
+// Fate of a photon that lands so far from what the light sees there: the bits of its residual.
+fn landed_fate(residual_m: f32) -> u32 {
+    return bitcast<u32>(residual_m);
+}
 
 fn has_landed(photon: Photon) -> bool {
     return photon.fate < MISSED;
 }
 
-// Most steps of safeguarded Newton. Host twin: src/stages/shared/entry.rs.
+// Maximum number of steps of safeguarded Newton. Host twin: src/stages/shared/entry.rs.
 const REFINEMENTS: i32 = 8;
-// A step less than this, relative to the way along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
+// A step less than this, relative to the distance along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
 const LAST_STEP: f32 = 1e-6;
 // Components of a direction below this count as this: what is divided by them stays finite.
-const LEAST_COMPONENT: f32 = 1e-9;
+const MIN_COMPONENT: f32 = 1e-9;
 
 struct Ray {
     origin_m: vec3<f32>,
     direction: vec3<f32>,
 }
 
-fn divide(v: vec4<f32>) -> vec3<f32> {
-    return v.xyz / v.w;
-}
-
 // Ray of a photon at a place of the grid, from the light's near plane on.
-fn photon_ray(place: vec2<f32>) -> Ray {
-    let near = divide(frame.photon_grid * vec4(place, 0.0, 1.0));
-    let far = divide(frame.photon_grid * vec4(place, 1.0, 1.0));
+fn photon_ray(ndc: vec2<f32>) -> Ray {
+    let near = perspective_divide(frame.photon_grid * vec4(ndc, 0.0, 1.0));
+    let far = perspective_divide(frame.photon_grid * vec4(ndc, 1.0, 1.0));
     return Ray(near, normalize(far - near));
 }
 
@@ -81,11 +85,26 @@ fn above_water(ray: Ray, t: f32) -> Above {
     return Above(t, p.y - h.x, ray.direction.y - dot(h.yz, ray.direction.xz), h.yz);
 }
 
-// Linear search between the planes of crest and trough within the water's rectangle. A step with both ends above the water is also
-// looked at where the ray is lowest over it, by the changes at its ends: waves are smooth within a step.
+// Where a step of a search is looked at: at its end, or between its ends where both lie on one side of the water, the upper (1) or the lower
+// (−1), and the ray comes nearest to the water, by the changes at its ends: waves are smooth within a step.
+fn nearest_of_step(ray: Ray, before: Above, after: Above, side: f32) -> Above {
+    if side * after.height_m > 0.0 && side * before.rate < 0.0 && side * after.rate > 0.0 {
+        return above_water(ray, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
+    }
+    return after;
+}
+
+// Where a ray meets the water between a point on this side of it and one on the other.
+fn entry_between(ray: Ray, before: Above, behind: Above, side: f32) -> Entry {
+    let t = mix(before.t, behind.t, before.height_m / (before.height_m - behind.height_m));
+    let is_down = side > 0.0;
+    return refined(ray, select(behind.t, before.t, is_down), select(before.t, behind.t, is_down), t);
+}
+
+// Linear search between the planes of crest and trough within the water's rectangle.
 fn first_entry(ray: Ray) -> Entry {
-    let tiny = abs(ray.direction) < vec3(LEAST_COMPONENT);
-    let direction = select(ray.direction, vec3(LEAST_COMPONENT), tiny);
+    let tiny = abs(ray.direction) < vec3(MIN_COMPONENT);
+    let direction = select(ray.direction, vec3(MIN_COMPONENT), tiny);
     let half_size = vec3(frame.water_half_size_m.x, frame.water_bound_m, frame.water_half_size_m.y);
     let to_center = vec3(frame.water_center_m.x, 0.0, frame.water_center_m.y) - ray.origin_m;
     let reach = abs(half_size / direction);
@@ -98,13 +117,9 @@ fn first_entry(ray: Ray) -> Entry {
     var before = above_water(within, 0.0);
     for (var i = 1.0; i <= steps && length_m > 0.0; i += 1.0) {
         let after = above_water(within, i / steps * length_m);
-        var behind = after;
-        if after.height_m > 0.0 && before.rate < 0.0 && after.rate > 0.0 {
-            behind = above_water(within, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
-        }
+        let behind = nearest_of_step(within, before, after, 1.0);
         if before.height_m > 0.0 && behind.height_m <= 0.0 {
-            let t = mix(before.t, behind.t, before.height_m / (before.height_m - behind.height_m));
-            return refined(within, before.t, behind.t, t);
+            return entry_between(within, before, behind, 1.0);
         }
         before = after;
     }
@@ -119,16 +134,16 @@ fn refined(ray: Ray, above_t: f32, below_t: f32, first_t: f32) -> Entry {
     var t = first_t;
     var slope = vec2(0.0);
     for (var i = 0; i < REFINEMENTS; i++) {
-        let place = above_water(ray, t);
-        slope = place.slope;
-        if place.height_m > 0.0 {
+        let point = above_water(ray, t);
+        slope = point.slope;
+        if point.height_m > 0.0 {
             low = t;
         } else {
             high = t;
         }
         var next = 0.5 * (low + high);
-        if abs(place.rate) > LEAST_COMPONENT {
-            let newton = t - place.height_m / place.rate;
+        if abs(point.rate) > MIN_COMPONENT {
+            let newton = t - point.height_m / point.rate;
             next = select(next, newton, newton >= min(low, high) && newton <= max(low, high));
         }
         let last = abs(next - t) <= LAST_STEP * abs(t);
@@ -142,9 +157,9 @@ fn refined(ray: Ray, above_t: f32, below_t: f32, first_t: f32) -> Entry {
 
 // Whether the light that enters the water here comes past what stands above it. Nothing is known beyond the light's frustum.
 fn in_mask(mask: texture_2d<f32>, entry_m: vec3<f32>) -> bool {
-    let ndc = divide(frame.light_view_projection * vec4(entry_m, 1.0)).xy;
+    let ndc = perspective_divide(frame.light_view_projection * vec4(entry_m, 1.0)).xy;
     let size = vec2<f32>(textureDimensions(mask));
-    let texel = vec2<i32>((ndc * vec2(0.5, -0.5) + 0.5) * size);
+    let texel = vec2<i32>(to_pixels(ndc, size));
     return all(abs(ndc) < vec2(1.0)) && textureLoad(mask, texel, 0).x > 0.5;
 }
 
@@ -154,16 +169,8 @@ fn angular_weight(entry_m: vec3<f32>) -> f32 {
     if frame.light_is_point == 0u {
         return 1.0;
     }
-    let cosine = dot(normalize(entry_m - frame.light_position_m), frame.light_forward);
+    let cosine = dot(-to_light(entry_m), frame.light_forward);
     return cosine * cosine * cosine;
-}
-
-// Direction in which the light reaches a point.
-fn light_direction(p: vec3<f32>) -> vec3<f32> {
-    if frame.light_is_point == 0u {
-        return frame.light_forward;
-    }
-    return normalize(p - frame.light_position_m);
 }
 
 // Share of unpolarised light that passes from air into water (Fresnel), for unit directions before and behind the surface.
@@ -189,5 +196,5 @@ fn entered(photon: Photon) -> f32 {
         return 1.0;
     }
     let refracted = (photon.hit_m - photon.entry_m) / photon.distance_m;
-    return transmittance(light_direction(photon.entry_m), refracted);
+    return transmittance(-to_light(photon.entry_m), refracted);
 }

@@ -2,7 +2,7 @@
 #define_import_path fathom::picture
 
 #import fathom::uniforms::{frame, world_at}
-#import fathom::shading::{SHAFT_TINT, fog, sky}
+#import fathom::shading::{fog, sky}
 #import fathom::shading
 
 struct Picture {
@@ -41,18 +41,13 @@ fn lambert(texel: vec2<i32>, irradiance: vec3<f32>) -> vec3<f32> {
 }
 
 // Radiance where the camera sees nothing, towards a place.
-fn background(place_m: vec3<f32>) -> vec3<f32> {
+fn background(position_m: vec3<f32>) -> vec3<f32> {
     if frame.camera_under_water != 0u {
         return fog(vec3(0.0), frame.z_far_m);
     }
-    return sky(normalize(place_m - frame.camera_position_m));
+    return sky(normalize(position_m - frame.camera_position_m));
 }
 
 fn display(radiance: vec3<f32>) -> vec4<f32> {
     return shading::display(radiance, picture.exposure);
-}
-
-// Radiance of shafts of light. The texels hold W; the scale is the radiance for each of them, 1/(m² sr).
-fn shafts(texels: texture_2d<f32>, texel: vec2<i32>) -> vec3<f32> {
-    return picture.scale * textureLoad(texels, texel, 0).x * SHAFT_TINT;
 }

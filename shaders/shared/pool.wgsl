@@ -17,23 +17,23 @@ struct Pool {
 const FACES: u32 = 5u;
 // No face.
 const NONE: u32 = 5u;
-// Way to a plane that a ray never meets, metres.
+// Distance to a plane that a ray never meets, metres.
 const NEVER_M: f32 = 1e30;
 // A component of a unit direction below this never meets its planes.
-const LEAST: f32 = 1e-12;
+const MIN_COMPONENT: f32 = 1e-12;
 // What is seen this near to a plane lies on it, as a share of half the water's longer side: 1 cm in scene planar_pool.
 const NEAR: f32 = 0.005;
 
 struct Met {
     face: u32,
-    // Way along the ray, metres.
+    // Distance along the ray.
     at_m: f32,
 }
 
-// Way along one axis to the side of a slab that the ray runs towards.
-fn way_m(from_middle: f32, half: f32, direction: f32) -> f32 {
+// Distance along a ray to the side of a slab that it runs towards, metres.
+fn distance_to_side(from_middle: f32, half: f32, direction: f32) -> f32 {
     let side = select(half, -half, direction < 0.0);
-    return select(NEVER_M, (side - from_middle) / direction, abs(direction) > LEAST);
+    return select(NEVER_M, (side - from_middle) / direction, abs(direction) > MIN_COMPONENT);
 }
 
 // The first face along a ray that starts in the pool.
@@ -41,14 +41,14 @@ fn meet(pool: Pool, origin_m: vec3<f32>, direction: vec3<f32>) -> Met {
     let from_middle = origin_m.xz - frame.water_center_m;
     let half = frame.water_half_size_m;
     var met = Met(0u, NEVER_M);
-    if direction.y < -LEAST {
+    if direction.y < -MIN_COMPONENT {
         met.at_m = (-pool.floor_depth_m - origin_m.y) / direction.y;
     }
-    let to_x = way_m(from_middle.x, half.x, direction.x);
+    let to_x = distance_to_side(from_middle.x, half.x, direction.x);
     if to_x < met.at_m {
         met = Met(select(2u, 1u, direction.x < 0.0), to_x);
     }
-    let to_z = way_m(from_middle.y, half.y, direction.z);
+    let to_z = distance_to_side(from_middle.y, half.y, direction.z);
     if to_z < met.at_m {
         met = Met(select(4u, 3u, direction.z < 0.0), to_z);
     }
@@ -58,8 +58,8 @@ fn meet(pool: Pool, origin_m: vec3<f32>, direction: vec3<f32>) -> Met {
     return met;
 }
 
-// Place on a face, 0…1 to the right and downwards.
-fn place(pool: Pool, face: u32, p_m: vec3<f32>) -> vec2<f32> {
+// Texture coordinates of a point of a face, 0…1 to the right and downwards.
+fn face_uv(pool: Pool, face: u32, p_m: vec3<f32>) -> vec2<f32> {
     let across = (p_m.xz - frame.water_center_m) / frame.water_half_size_m * 0.5 + 0.5;
     let down = (pool.top_m - p_m.y) / (pool.top_m + pool.floor_depth_m);
     if face == 0u {

@@ -1,6 +1,9 @@
 // Repeatable numbers from integers.
 #define_import_path fathom::random
 
+// 2³² / golden ratio: multiples of it are spread evenly over the integers.
+const GOLDEN: u32 = 0x9E3779B9u;
+
 // A well mixed integer: PCG-RXS-M-XS-32 (Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020).
 fn pcg(v: u32) -> u32 {
     let state = v * 747796405u + 2891336453u;

@@ -2,6 +2,7 @@
 #define_import_path fathom::ray_cast
 
 #import fathom::uniforms::{frame}
+#import fathom::math::{perspective_divide}
 #import fathom::random::{pcg}
 #import fathom::scalar_field::{through_box}
 #import fathom::shading::{to_light}
@@ -52,8 +53,7 @@ struct Ray {
 }
 
 fn unproject(clip: vec3<f32>) -> vec3<f32> {
-    let p = frame.camera_inverse * vec4(clip, 1.0);
-    return p.xyz / p.w;
+    return perspective_divide(frame.camera_inverse * vec4(clip, 1.0));
 }
 
 // The camera's ray through a pixel, cut to the box.
@@ -83,9 +83,9 @@ fn windowed(v: f32) -> f32 {
 
 // Light that a surface of this place in the window sends on, relative to white in full light. VAO §5.2.2: ambient
 // occlusion stands in for all attenuation of the arriving light.
-fn lit(place: f32, position_m: vec3<f32>, normal: vec3<f32>, visibility: f32) -> vec3<f32> {
+fn lit(windowed_value: f32, position_m: vec3<f32>, normal: vec3<f32>, visibility: f32) -> vec3<f32> {
     let facing = saturate(dot(normal, to_light(position_m)));
-    return mix(march.low_color, march.high_color, place) * visibility * mix(facing, 1.0, march.ambient);
+    return mix(march.low_color, march.high_color, windowed_value) * visibility * mix(facing, 1.0, march.ambient);
 }
 
 fn background(direction: vec3<f32>) -> vec3<f32> {

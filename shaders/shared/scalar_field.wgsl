@@ -22,10 +22,10 @@ var<private> look_ups: u32;
 
 // V(x), interpolated trilinearly; 0 outside the box.
 fn value(position_m: vec3<f32>, level: f32) -> f32 {
-    let place = (position_m - field.origin_m) / field.size_m;
-    let inside = all(place >= vec3(0.0)) && all(place <= vec3(1.0));
+    let uvw = (position_m - field.origin_m) / field.size_m;
+    let inside = all(uvw >= vec3(0.0)) && all(uvw <= vec3(1.0));
     look_ups += u32(inside);
-    return select(0.0, textureSampleLevel(volume, linear_sampler, place, level).x, inside);
+    return select(0.0, textureSampleLevel(volume, linear_sampler, uvw, level).x, inside);
 }
 
 // ∇V by central differences over two cells, 1/m.

@@ -2,18 +2,20 @@
 // Host twin: src/stages/shared/screen_ray.rs.
 //
 // A ray is cut to the scene's bounds and to the camera's frustum. What is left is walked in steps of a pixel, as a line would be
-// rasterized. At each step it is held against all layers at its pixel.
+// rasterized. Each step is tested against all layers at its pixel.
 //
 // Defs: TEST 0 takes the paper's tolerance, TEST 1 asks whether the ray passes through a layer's tangent plane, TEST 2 takes the
 // tolerance and asks in addition whether the ray is inside a closed object, between two consecutive layers: SPT §5. TEST 3 and 4 are of rays
-// that have entered glass: SPT §4. TEST 3 holds them against the depths of two layers, of one texel, and TEST 4 against all layers.
+// that have entered glass: SPT §4. TEST 3 compares them with the depths of two layers, in one texel, and TEST 4 with those of all layers.
 #define_import_path fathom::screen_ray
 
-#import fathom::uniforms::{frame, world_at, view_depth_m}
+#import fathom::clip::{cut, cut_to_sides}
+#import fathom::screen::{to_pixels}
+#import fathom::uniforms::{focal_lengths, frame, view_depth_m, world_at}
 #import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
 #import fathom::surface_texel::{Surface}
-#import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}
+#import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_travelling}
 
 struct Walk {
     // The scene's box, at which rays end.
@@ -51,7 +53,7 @@ struct Segment {
 // The plane of a triangle stands for its surface up to so many footprints of a pixel: at a slope of 83 degrees the surface within a pixel
 // is as long. What is farther counts where the pixel beyond it shows the same plane: see `continues`. Without that, rays end in the air
 // before silhouettes. Tuned on scenes tank, port and storage.
-const MOST_FOOTPRINTS: f32 = 8.0;
+const MAX_FOOTPRINTS: f32 = 8.0;
 // How far a step reaches beyond its pixel, in pixels: beside an edge the ray may pass one face while the pixel shows the other. Tuned on
 // the same scenes.
 const OVERLAP: f32 = 0.5;
@@ -64,12 +66,12 @@ const OWN_PLANE: f32 = 0.25;
 const SAME_PLANE: f32 = 0.99;
 const NOTHING: Segment = Segment(vec4<f32>(0.0), vec4<f32>(0.0), 0.0, 0.0, 0.0);
 
-fn place_px(walk: Walk, clip: vec4<f32>) -> vec2<f32> {
-    return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * walk.size_px;
+fn to_pixel(walk: Walk, clip: vec4<f32>) -> vec2<f32> {
+    return to_pixels(clip.xy / clip.w, walk.size_px);
 }
 
-fn texel_at(walk: Walk, place_px: vec2<f32>) -> vec2<i32> {
-    return vec2<i32>(clamp(floor(place_px), vec2(0.0), walk.size_px - 1.0));
+fn texel_at(walk: Walk, pixel: vec2<f32>) -> vec2<i32> {
+    return vec2<i32>(clamp(floor(pixel), vec2(0.0), walk.size_px - 1.0));
 }
 
 // Distance at which a ray leaves the scene's box; 0 where it is outside and goes on.
@@ -80,41 +82,21 @@ fn leaves_m(walk: Walk, ray: Transfer) -> f32 {
     return max(min(exits.x, min(exits.y, exits.z)), 0.0);
 }
 
-// The part of (first, last), shares of the way from a to b, on which a clip plane's distance is not negative.
-fn cut(part: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
-    if a < 0.0 && b < 0.0 {
-        return vec2(1.0, 0.0);
-    }
-    if a < 0.0 {
-        return vec2(max(part.x, a / (a - b)), part.y);
-    }
-    if b < 0.0 {
-        return vec2(part.x, min(part.y, a / (a - b)));
-    }
-    return part;
-}
-
 fn segment(walk: Walk, ray: Transfer) -> Segment {
     let end_m = leaves_m(walk, ray);
-    if !is_on_its_way(ray) || end_m <= walk.start_m {
+    if !is_travelling(ray) || end_m <= walk.start_m {
         return NOTHING;
     }
     let a = frame.camera_view_projection * vec4(ray.position_m + walk.start_m * ray.direction, 1.0);
     let b = frame.camera_view_projection * vec4(ray.position_m + end_m * ray.direction, 1.0);
-    var part = vec2(0.0, 1.0);
-    part = cut(part, a.w + a.x, b.w + b.x);
-    part = cut(part, a.w - a.x, b.w - b.x);
-    part = cut(part, a.w + a.y, b.w + b.y);
-    part = cut(part, a.w - a.y, b.w - b.y);
-    part = cut(part, a.z, b.z);
     let far_m = BEYOND_FAR * frame.z_far_m;
-    part = cut(part, far_m - a.w, far_m - b.w);
+    let part = cut(cut_to_sides(a, b), far_m - a.w, far_m - b.w);
     if part.x >= part.y {
         return NOTHING;
     }
     let near = mix(a, b, part.x);
     let far = mix(a, b, part.y);
-    let along = abs(place_px(walk, far) - place_px(walk, near));
+    let along = abs(to_pixel(walk, far) - to_pixel(walk, near));
     let steps = clamp(ceil(max(along.x, along.y)), f32(walk.min_steps), f32(walk.max_steps));
     return Segment(near, far, mix(walk.start_m, end_m, part.x), mix(walk.start_m, end_m, part.y), steps);
 }
@@ -137,10 +119,9 @@ fn screen_at(seg: Segment, at_m: f32) -> f32 {
     return far / (far + (1.0 - share) * seg.near.w);
 }
 
-// A pixel's height at a depth: the second row of the projection holds cot(fov / 2) times a unit vector.
+// A pixel's height at a depth.
 fn footprint_at(walk: Walk, view_m: f32) -> f32 {
-    let row = vec3(frame.camera_view_projection[0].y, frame.camera_view_projection[1].y, frame.camera_view_projection[2].y);
-    return 2.0 * view_m / (length(row) * walk.size_px.y);
+    return 2.0 * view_m / (focal_lengths().y * walk.size_px.y);
 }
 
 // Whether a ray can hit a surface at a distance. Normals of glass point out of it. Other surfaces are hit from both sides, but for
@@ -153,7 +134,7 @@ fn can_hit(ray: Transfer, surface: Surface, at_m: f32, footprint_m: f32) -> bool
     if optics::is_glass(surface.optics) {
         return from_outside == (ray.state != INSIDE);
     }
-    return at_m > select(MOST_FOOTPRINTS, OWN_PLANE, from_outside) * footprint_m;
+    return at_m > select(MAX_FOOTPRINTS, OWN_PLANE, from_outside) * footprint_m;
 }
 
 struct Hit {
@@ -172,10 +153,10 @@ struct PlaneInLayers {
 }
 
 fn find_plane(
-    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_px: vec2<f32>, on_plane_m: vec3<f32>,
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, pixel: vec2<f32>, on_plane_m: vec3<f32>,
     normal: vec3<f32>, footprint_m: f32
 ) -> PlaneInLayers {
-    let texel = texel_at(walk, place_px);
+    let texel = texel_at(walk, pixel);
     let uv = (vec2<f32>(texel) + 0.5) / walk.size_px;
     let to_far = world_at(uv, 1.0) - frame.camera_position_m;
     let from_camera_m = on_plane_m - frame.camera_position_m;
@@ -204,7 +185,7 @@ fn continues(
     normal: vec3<f32>, footprint_m: f32
 ) -> bool {
     let middle = vec2<f32>(texel) + 0.5;
-    let aside = place_px(walk, frame.camera_view_projection * vec4(on_plane_m, 1.0)) - middle;
+    let aside = to_pixel(walk, frame.camera_view_projection * vec4(on_plane_m, 1.0)) - middle;
     let pixel = aside / max(abs(aside.x), abs(aside.y));
     let twice = max(abs(aside.x), abs(aside.y)) > 0.5;
     let beyond = find_plane(walk, depths, surfaces, middle + select(pixel, 2.0 * aside, twice), on_plane_m, normal, footprint_m);
@@ -231,59 +212,48 @@ fn is_inside(walk: Walk, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m
 }
 #endif
 
+// The pixel at a share of a segment on the screen.
+fn pixel_on(walk: Walk, seg: Segment, on_screen: f32) -> vec2<f32> {
+    let start = to_pixel(walk, seg.near);
+    let path = to_pixel(walk, seg.far) - start;
+    return start + on_screen * path;
+}
+
 // The surface that step `number` hits.
+#if TEST > 2
 fn hit(
     walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
 ) -> Hit {
     let middle = (number + 0.5) / seg.steps;
-    let start_px = place_px(walk, seg.near);
-    let way_px = place_px(walk, seg.far) - start_px;
-    let place = start_px + middle * way_px;
-    let texel = texel_at(walk, place);
-#if TEST > 2
+    let texel = texel_at(walk, pixel_on(walk, seg, middle));
     // "The point in the interior of the object is considered the exit point": that of the step before.
     if number == 0.0 || is_inside(walk, depths, texel, mix(seg.near.w, seg.far.w, share_at(seg, middle))) {
         return NONE_HIT;
     }
     return Hit(distance_at(seg, (number - 0.5) / seg.steps), NO_SURFACE);
-#else
-#if TEST != 1
-    let share = share_at(seg, middle);
-    let at_m = mix(seg.from_m, seg.to_m, share);
-    let view_m = mix(seg.near.w, seg.far.w, share);
-    // Metres along the pixel's line of sight for each metre of view depth.
-    let stretch = distance(ray.position_m + at_m * ray.direction, frame.camera_position_m) / view_m;
-    var before_m = 0.0;
-    for (var layer = 0u; layer < walk.layers; layer++) {
-        let z = textureLoad(depths, texel, layer, 0).x;
-        if z >= 1.0 {
-            break;
-        }
-        let layer_m = view_depth_m(z);
-#if TEST == 2
-        if (layer & 1u) == 1u && before_m < view_m && view_m < layer_m {
-            return Hit(at_m, surface_at(surfaces, texel, layer));
-        }
-        before_m = layer_m;
-#endif
-        let near = abs(layer_m - view_m) * stretch <= walk.tolerance_m;
-        if near {
-            let surface = surface_at(surfaces, texel, layer);
-            if can_hit(ray, surface, at_m, footprint_at(walk, view_m)) {
-                return Hit(at_m, surface);
-            }
-        }
+}
+#else if TEST == 1
+// One of the four texels about a pixel that shows something.
+fn texel_nearby(walk: Walk, depths: texture_2d_array<f32>, pixel: vec2<f32>) -> vec2<i32> {
+    var shown = texel_at(walk, pixel);
+    for (var i = 0u; i < 4u; i++) {
+        let other = texel_at(walk, pixel - 0.5 + vec2(f32(i & 1u), f32(i >> 1u)));
+        shown = select(shown, other, textureLoad(depths, other, 0, 0).x < 1.0);
     }
-    return NONE_HIT;
-#else
+    return shown;
+}
+
+fn hit(
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
+) -> Hit {
+    let pixel = pixel_on(walk, seg, (number + 0.5) / seg.steps);
     let from_m = distance_at(seg, (number - OVERLAP) / seg.steps);
     let to_m = distance_at(seg, (number + 1.0 + OVERLAP) / seg.steps);
-    // A plane that leaves the view within a pixel that shows nothing may show in one of the other three about the place.
-    let is_empty = textureLoad(depths, texel, 0, 0).x >= 1.0;
-    var shown = texel;
-    for (var i = 0u; i < 4u && is_empty; i++) {
-        let other = texel_at(walk, place - 0.5 + vec2(f32(i & 1u), f32(i >> 1u)));
-        shown = select(shown, other, textureLoad(depths, other, 0, 0).x < 1.0);
+    var shown = texel_at(walk, pixel);
+    // A plane that leaves the view within a pixel that shows nothing may show in another one about the place.
+    let is_empty = textureLoad(depths, shown, 0, 0).x >= 1.0;
+    if is_empty {
+        shown = texel_nearby(walk, depths, pixel);
     }
     let uv = (vec2<f32>(shown) + 0.5) / walk.size_px;
     var first = NONE_HIT;
@@ -307,16 +277,48 @@ fn hit(
         if at_m >= first.at_m || !can_hit(ray, surface, at_m, footprint_m) {
             continue;
         }
-        let place_m = ray.position_m + at_m * ray.direction;
-        let is_near = distance(place_m, surface_m) <= MOST_FOOTPRINTS * footprint_m && !is_empty;
-        if is_near || continues(walk, depths, surfaces, shown, place_m, normal, footprint_m) {
+        let hit_m = ray.position_m + at_m * ray.direction;
+        let is_near = distance(hit_m, surface_m) <= MAX_FOOTPRINTS * footprint_m && !is_empty;
+        if is_near || continues(walk, depths, surfaces, shown, hit_m, normal, footprint_m) {
             first = Hit(at_m, surface);
         }
     }
     return first;
-#endif
-#endif
 }
+#else
+fn hit(
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
+) -> Hit {
+    let middle = (number + 0.5) / seg.steps;
+    let texel = texel_at(walk, pixel_on(walk, seg, middle));
+    let share = share_at(seg, middle);
+    let at_m = mix(seg.from_m, seg.to_m, share);
+    let view_m = mix(seg.near.w, seg.far.w, share);
+    // Metres along the pixel's line of sight for each metre of view depth.
+    let stretch = distance(ray.position_m + at_m * ray.direction, frame.camera_position_m) / view_m;
+    var before_m = 0.0;
+    for (var layer = 0u; layer < walk.layers; layer++) {
+        let z = textureLoad(depths, texel, layer, 0).x;
+        if z >= 1.0 {
+            break;
+        }
+        let layer_m = view_depth_m(z);
+#if TEST == 2
+        if (layer & 1u) == 1u && before_m < view_m && view_m < layer_m {
+            return Hit(at_m, surface_at(surfaces, texel, layer));
+        }
+        before_m = layer_m;
+#endif
+        if abs(layer_m - view_m) * stretch <= walk.tolerance_m {
+            let surface = surface_at(surfaces, texel, layer);
+            if can_hit(ray, surface, at_m, footprint_at(walk, view_m)) {
+                return Hit(at_m, surface);
+            }
+        }
+    }
+    return NONE_HIT;
+}
+#endif
 
 // The surface on which a ray has ended at a distance: of the steps that reach so far, the one that hits nearest to it. A pixel that
 // shows the place may show another surface there, beside a silhouette.
@@ -346,11 +348,11 @@ fn is_flat(surface: Surface) -> bool {
     return dot(surface.shading_normal, surface.geometric_normal) > FLAT;
 }
 
-// Least determinant of two directions, over the product of their squared lengths, by which a place is told along both.
-const LEAST_ANGLE: f32 = 1e-3;
+// Smallest determinant of two directions, over the product of their squared lengths, with which a place is resolved along both.
+const MIN_DETERMINANT: f32 = 1e-3;
 
-// Shading normal at a place of a surface, interpolated between the four pixels around it, those that show it. Three tell what a fourth would
-// show. On a curved surface the mean of their places is not the place, least where it is seen edge-on: the change of place and normal from
+// Shading normal at a place of a surface, interpolated between those of the four pixels around it that show the surface; three give the
+// fourth. On a curved surface the mean of their places is not the place, above all where it is seen edge-on: the change of place and normal from
 // pixel to pixel leads on from there.
 fn smoothed(
     walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
@@ -359,9 +361,9 @@ fn smoothed(
         return surface.shading_normal;
     }
     let clip = frame.camera_view_projection * vec4(place_m, 1.0);
-    let place = place_px(walk, clip) - 0.5;
-    let corner = floor(place);
-    let share = place - corner;
+    let texels = to_pixel(walk, clip) - 0.5;
+    let corner = floor(texels);
+    let share = texels - corner;
     // Of each a place from the camera, and a normal.
     var mean = mat2x3<f32>();
     var right = mat2x3<f32>();
@@ -396,7 +398,7 @@ fn smoothed(
     let squares = vec2(dot(right[0], right[0]), dot(down[0], down[0]));
     let both = dot(right[0], down[0]);
     let det = squares.x * squares.y - both * both;
-    if count < 4u || det <= LEAST_ANGLE * squares.x * squares.y {
+    if count < 4u || det <= MIN_DETERMINANT * squares.x * squares.y {
         return normalize(select(surface.shading_normal, mean[1], dot(mean[1], mean[1]) > 0.0));
     }
     let along = vec2(dot(right[0], off_m), dot(down[0], off_m));

@@ -1,9 +1,9 @@
 // Light that does not come by photons: sky, sun above the water, ambient, and the water's own colour (fog).
 #define_import_path fathom::shading
 
+#import fathom::math::{PI}
 #import fathom::uniforms::{frame}
 
-const PI: f32 = 3.14159265;
 // Share of the light's irradiance that arrives from the sky; a clear sky gives 10 to 20 %.
 const SKY_SHARE: f32 = 0.15;
 // In-scattered colour of clear, deep water, relative to the ambient radiance; tuned on scene tank.
@@ -62,6 +62,11 @@ fn fog(radiance: vec3<f32>, path_m: f32) -> vec3<f32> {
 
 fn lambert(albedo: vec3<f32>, irradiance: vec3<f32>) -> vec3<f32> {
     return albedo / PI * irradiance;
+}
+
+// Radiance of shafts of light, from what a pixel of their buffer holds and the radiance for a unit of it.
+fn shafts(sum: f32, scale: f32) -> vec3<f32> {
+    return scale * sum * SHAFT_TINT;
 }
 
 // Unpolarised Fresnel reflectance of a dielectric; `eta` = n_outside / n_inside of the arriving ray's side.

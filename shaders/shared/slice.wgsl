@@ -1,4 +1,4 @@
-// The part of a loop that a pass makes, where an invocation may not make all of it. Host twin: src/stages/shared/slices.rs.
+// The iterations of a loop that one pass makes, where an adapter does not allow an invocation all of them. Host twin: src/stages/shared/slices.rs.
 #define_import_path fathom::slice
 
 struct Slice {

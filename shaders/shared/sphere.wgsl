@@ -2,9 +2,9 @@
 // evenly, and well spread for each.
 #define_import_path fathom::sphere
 
+#import fathom::math::{TAU}
 #import fathom::random::{pcg, unit}
 
-const TAU: f32 = 6.28318531;
 // Kronecker sequence with the powers of the plastic number's inverse (Roberts, "The Unreasonable Effectiveness of
 // Quasirandom Sequences", 2018): directions spread over two dimensions, and the third is free for a jitter.
 const PLASTIC: vec2<f32> = vec2<f32>(0.75487767, 0.56984029);
@@ -18,8 +18,8 @@ fn shift_of(seed: u32) -> vec3<f32> {
 
 // Point k of `count` in the unit cube, shifted on the torus.
 fn shifted_point(k: u32, count: u32, shift: vec3<f32>) -> vec3<f32> {
-    let place = vec3((f32(k) + 0.5) / f32(count), fract(f32(k) * PLASTIC));
-    return fract(place + shift);
+    let point = vec3((f32(k) + 0.5) / f32(count), fract(f32(k) * PLASTIC));
+    return fract(point + shift);
 }
 
 // Rotation that brings +z to a unit vector (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017).

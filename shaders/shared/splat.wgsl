@@ -3,6 +3,7 @@
 
 #import fathom::uniforms::{frame}
 #import fathom::photon::{Photon, angular_weight, entered, has_landed}
+#import fathom::screen::{to_pixels}
 #if SURFACE == 1
 #import fathom::uniforms::{view_depth_m}
 #import fathom::surface_plane::{depth_texel, plane_at}
@@ -45,12 +46,12 @@ struct Square {
 #if SURFACE == 1
 // Change of device depth per pixel of the surface behind a place of the buffer; 0 where something else than the photon's surface is
 // seen there. Beyond the picture the surface at its border goes on.
-fn surface_slope(settings: Splat, scene_depth: texture_depth_2d, place_px: vec2<f32>, view_m: f32) -> vec2<f32> {
+fn surface_slope(settings: Splat, scene_depth: texture_depth_2d, position_px: vec2<f32>, view_m: f32) -> vec2<f32> {
     let texels = vec2<f32>(textureDimensions(scene_depth));
-    let texel = clamp(depth_texel(scene_depth, place_px, settings.size_px), vec2(0), vec2<i32>(texels) - 1);
+    let texel = clamp(depth_texel(scene_depth, position_px, settings.size_px), vec2(0), vec2<i32>(texels) - 1);
     let plane = plane_at(scene_depth, texel);
     let texel_px = texels / settings.size_px;
-    let beyond = (place_px - clamp(place_px, vec2(0.0), settings.size_px)) * texel_px;
+    let beyond = (position_px - clamp(position_px, vec2(0.0), settings.size_px)) * texel_px;
     if abs(view_depth_m(plane.z + dot(plane.slope, beyond)) - view_m) > settings.depth_bias_m {
         return vec2(0.0);
     }
@@ -67,8 +68,8 @@ fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Squ
     let to_viewer = frame.camera_position_m - photon.hit_m;
     let viewer_distance = length(to_viewer);
     let side_px = settings.size_a_px + settings.size_b_px_m / viewer_distance;
-    let place_px = (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * settings.size_px;
-    splat.center_px = place_px - 0.5;
+    let position_px = to_pixels(clip.xy / clip.w, settings.size_px);
+    splat.center_px = position_px - 0.5;
     splat.first = clamp(ceil(splat.center_px - 0.5 * side_px), vec2(0.0), settings.size_px);
     splat.end = clamp(ceil(splat.center_px + 0.5 * side_px), vec2(0.0), settings.size_px);
 
@@ -86,7 +87,7 @@ fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Squ
     splat.intensity = intensity;
 #if SURFACE == 1
     splat.photon_z = clip.z / clip.w;
-    splat.slope = surface_slope(settings, scene_depth, place_px, clip.w);
+    splat.slope = surface_slope(settings, scene_depth, position_px, clip.w);
 #endif
     return splat;
 }

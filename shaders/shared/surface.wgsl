@@ -20,6 +20,18 @@ struct SceneVertex {
     @location(2) material: u32,
 }
 
+// A vertex of the scene as a camera sees it.
+struct Varying {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) position_m: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) @interpolate(flat) material: u32,
+}
+
+fn projected(in: SceneVertex, view_projection: mat4x4<f32>) -> Varying {
+    return Varying(view_projection * vec4(in.position_m, 1.0), in.position_m, in.normal, in.material);
+}
+
 // Share of a tile's side taken by its joint.
 const JOINT: f32 = 0.06;
 
@@ -40,9 +52,9 @@ fn albedo(material: Material, position_m: vec3<f32>, normal: vec3<f32>) -> vec3<
     } else if n.x > n.z {
         uv = position_m.zy;
     }
-    let place = uv / material.tile_m;
-    let tile = floor(place);
-    let inside = abs(place - tile - 0.5);
+    let tiles = uv / material.tile_m;
+    let tile = floor(tiles);
+    let inside = abs(tiles - tile - 0.5);
     if max(inside.x, inside.y) > 0.5 - 0.5 * JOINT {
         return material.accent;
     }

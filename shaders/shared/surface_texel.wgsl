@@ -35,9 +35,9 @@ fn folded_normal(normal: vec3<f32>) -> vec2<f32> {
     return select(folded(n.xy), n.xy, n.z >= 0.0);
 }
 
-fn unfolded_normal(place: vec2<f32>) -> vec3<f32> {
-    let z = 1.0 - abs(place.x) - abs(place.y);
-    return normalize(vec3(select(folded(place), place, z >= 0.0), z));
+fn unfolded_normal(v: vec2<f32>) -> vec3<f32> {
+    let z = 1.0 - abs(v.x) - abs(v.y);
+    return normalize(vec3(select(folded(v), v, z >= 0.0), z));
 }
 
 fn unfolded_steps(steps: vec2<u32>, middle: i32) -> vec3<f32> {

@@ -1,7 +1,7 @@
 // The photons of a cell of a light's grid, SIDE² of them in a loop. SIDE = 0 takes the bound from the settings (UW §4.1, dynamic tessellation).
 #define_import_path fathom::tracing
 
-#import fathom::estimator::{Trace, place, trace}
+#import fathom::estimator::{Trace, photon_ndc, trace}
 #import fathom::photon::{Photon}
 
 @group(1) @binding(0) var<uniform> settings: Trace;
@@ -22,7 +22,7 @@ fn trace_cell(cell: vec2<u32>) {
     let first = (cell.y * settings.grid + cell.x) * side * side;
     for (var y = 0u; y < side; y++) {
         for (var x = 0u; x < side; x++) {
-            let ndc = place(settings, cell, vec2(x, y), side);
+            let ndc = photon_ndc(settings, cell, vec2(x, y), side);
             photons[first + y * side + x] = trace(settings, shadow_depth, texels, shadow_mask, ndc);
         }
     }

@@ -2,31 +2,32 @@
 // Host twin: src/stages/shared/screen_ray.rs.
 #define_import_path fathom::transfer
 
-#import fathom::photon::{Photon, MISSED, OUTSIDE}
+#import fathom::photon::{MISSED, OUTSIDE, Photon, landed_fate}
 
 // Where a photon leaves its last specular surface, and in which direction: a texel of SPT's transfer map.
 struct Transfer {
     position_m: vec3<f32>,
     // One of those below.
-    state: f32,
+    state: u32,
     // Unit.
     direction: vec3<f32>,
-    // Way under water that is behind it.
+    // Length of its path under water so far.
     path_m: f32,
 }
 
 // It never got here.
-const NEVER: f32 = 0.0;
-// On its first way: surfaces are hit from both sides.
-const FIRST: f32 = 1.0;
+const NEVER: u32 = 0u;
+// On its first segment: surfaces are hit from both sides.
+const FIRST: u32 = 1u;
 // Inside glass: glass is hit from within.
-const INSIDE: f32 = 2.0;
+const INSIDE: u32 = 2u;
 // It has left a mirror or glass: glass is hit from outside.
-const AGAIN: f32 = 3.0;
+const AGAIN: u32 = 3u;
 // It has ended, and its end is stored.
-const ENDED: f32 = 4.0;
+const ENDED: u32 = 4u;
 
-fn is_on_its_way(ray: Transfer) -> bool {
+// Whether it is still on its way.
+fn is_travelling(ray: Transfer) -> bool {
     return ray.state != NEVER && ray.state != ENDED;
 }
 
@@ -41,5 +42,5 @@ fn landed(ray: Transfer, at_m: f32) -> Photon {
     if at_m >= NO_HIT {
         return Photon(ray.position_m, OUTSIDE, ray.position_m, 0.0);
     }
-    return Photon(ray.position_m, 0u, ray.position_m + at_m * ray.direction, ray.path_m + at_m);
+    return Photon(ray.position_m, landed_fate(0.0), ray.position_m + at_m * ray.direction, ray.path_m + at_m);
 }

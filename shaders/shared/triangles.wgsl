@@ -2,17 +2,17 @@
 // Testing, 2001, in the order of Schwarz and Seidel, Fast Parallel Surface and Solid Voxelization on GPUs, 2010, §3.
 // Host twin: src/stages/voxel/triangles.rs.
 //
-// Coordinates are turned so that w is the axis nearest to the triangle's normal. The triangle's box is walked in columns
+// Axes are swizzled so that w is the one nearest to the triangle's normal. The triangle's box is walked in columns
 // along w: the triangle's projection along w is tested once for the column, its plane bounds the voxels of the column,
 // and each of these is tested in the two other projections.
 //
-// Defs: ALPHA 1 stores the largest alpha beside the bits. STEP is the dispatch: 0 empties the queue, 1 takes the small triangles and leaves the others in
-// the queue, 2 takes those.
+// Defs: ALPHA 1 stores the largest alpha beside the bits. STEP is the dispatch: 0 empties the queue, 1 takes the small triangles and leaves
+// the others in the queue, 2 takes those.
 #define_import_path fathom::triangles
 
 #import fathom::voxels::{Grid, index_of, to_cells}
 #import fathom::surface::{Material}
-#import fathom::dispatch::{GROUP, place}
+#import fathom::dispatch::{GROUP, invocation_index}
 
 struct Batch {
     first_index: u32,
@@ -45,8 +45,8 @@ struct Axis {
 
 struct Triangle {
     // Which axis is w: 0 z, 1 x, 2 y.
-    turn: u32,
-    // First voxel of the box in turned coordinates. All else is measured from it.
+    main_axis: u32,
+    // First voxel of the box in swizzled coordinates. All else is measured from it.
     base: vec3<i32>,
     // Last voxel of the box.
     last: vec3<i32>,
@@ -60,12 +60,12 @@ struct Triangle {
     alpha: u32,
 }
 
-fn turned(v: vec3<f32>, turn: u32) -> vec3<f32> {
-    return select(select(v.xyz, v.yzx, turn == 1u), v.zxy, turn == 2u);
+fn swizzled(v: vec3<f32>, main_axis: u32) -> vec3<f32> {
+    return select(select(v.xyz, v.yzx, main_axis == 1u), v.zxy, main_axis == 2u);
 }
 
-fn turned_back(v: vec3<i32>, turn: u32) -> vec3<i32> {
-    return select(select(v.xyz, v.zxy, turn == 1u), v.yzx, turn == 2u);
+fn swizzled_back(v: vec3<i32>, main_axis: u32) -> vec3<i32> {
+    return select(select(v.xyz, v.zxy, main_axis == 1u), v.yzx, main_axis == 2u);
 }
 
 fn corner(number: u32) -> vec3<f32> {
@@ -84,14 +84,14 @@ fn extent3(along: vec3<f32>) -> f32 {
 // triangle only touches counts, whichever way its corners were rounded; without this a plane through the diagonals of voxels has
 // gaps.
 const ROUNDING: f32 = 4.8e-7;
-// Most that is allowed for rounding, share of a voxel's extent: below the band that `verify` leaves undecided.
-const MOST_ROUNDING: f32 = 1e-4;
+// Largest allowance for rounding, share of a voxel's extent: below the band that `verify` leaves undecided.
+const MAX_ROUNDING: f32 = 1e-4;
 
 // Half of a voxel's extent along an axis, and the rounding of the corners' places along it.
 fn grown3(along: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> f32 {
     let extent = extent3(along);
     let rounding = ROUNDING * dot(abs(along), max(abs(a), max(abs(b), abs(c))));
-    return extent + min(rounding, MOST_ROUNDING * extent);
+    return extent + min(rounding, MAX_ROUNDING * extent);
 }
 
 fn grown2(along: vec2<f32>, a: vec2<f32>, b: vec2<f32>, c: vec2<f32>) -> f32 {
@@ -101,10 +101,10 @@ fn grown2(along: vec2<f32>, a: vec2<f32>, b: vec2<f32>, c: vec2<f32>) -> f32 {
 // The axis across an edge. All three corners are projected, so that rounding of the edge costs no voxel.
 fn across(edge: vec2<f32>, a: vec2<f32>, b: vec2<f32>, c: vec2<f32>) -> Axis {
     let along = vec2(-edge.y, edge.x);
-    let places = vec3(dot(along, a), dot(along, b), dot(along, c));
+    let projections = vec3(dot(along, a), dot(along, b), dot(along, c));
     let grown = grown2(along, a, b, c);
-    let low = min(places.x, min(places.y, places.z)) - grown;
-    return Axis(along, low, max(places.x, max(places.y, places.z)) + grown);
+    let low = min(projections.x, min(projections.y, projections.z)) - grown;
+    return Axis(along, low, max(projections.x, max(projections.y, projections.z)) + grown);
 }
 
 fn projected(a: vec2<f32>, b: vec2<f32>, c: vec2<f32>) -> array<Axis, 3> {
@@ -112,10 +112,10 @@ fn projected(a: vec2<f32>, b: vec2<f32>, c: vec2<f32>) -> array<Axis, 3> {
 }
 
 fn overlaps(axes: array<Axis, 3>, center: vec2<f32>) -> bool {
-    let places = vec3(dot(axes[0].along, center), dot(axes[1].along, center), dot(axes[2].along, center));
+    let projections = vec3(dot(axes[0].along, center), dot(axes[1].along, center), dot(axes[2].along, center));
     let low = vec3(axes[0].low, axes[1].low, axes[2].low);
     let high = vec3(axes[0].high, axes[1].high, axes[2].high);
-    return all(places >= low) && all(places <= high);
+    return all(projections >= low) && all(projections <= high);
 }
 
 fn triangle(number: u32) -> Triangle {
@@ -124,12 +124,12 @@ fn triangle(number: u32) -> Triangle {
     var c = corner(3u * number + 2u);
     var normal = cross(b - a, c - a);
     let size = abs(normal);
-    let turn = select(select(2u, 0u, size.z >= size.y), select(1u, 0u, size.z >= size.x), size.x >= size.y);
-    a = turned(a, turn);
-    b = turned(b, turn);
-    c = turned(c, turn);
-    normal = turned(normal, turn);
-    let cells = vec3<i32>(turned(vec3<f32>(grid.cells), turn));
+    let main_axis = select(select(2u, 0u, size.z >= size.y), select(1u, 0u, size.z >= size.x), size.x >= size.y);
+    a = swizzled(a, main_axis);
+    b = swizzled(b, main_axis);
+    c = swizzled(c, main_axis);
+    normal = swizzled(normal, main_axis);
+    let cells = vec3<i32>(swizzled(vec3<f32>(grid.cells), main_axis));
 
     // A voxel is closed: one that the box only touches counts. Far corners are held near the grid, so that they fit integers.
     let far = vec3<f32>(cells) + 2.0;
@@ -142,15 +142,15 @@ fn triangle(number: u32) -> Triangle {
     b -= origin;
     c -= origin;
 
-    let places = vec3(dot(normal, a), dot(normal, b), dot(normal, c));
+    let projections = vec3(dot(normal, a), dot(normal, b), dot(normal, c));
     let grown = grown3(normal, a, b, c);
     var found: Triangle;
-    found.turn = turn;
+    found.main_axis = main_axis;
     found.base = first;
     found.last = last - first;
     found.normal = normal;
-    found.low = min(places.x, min(places.y, places.z)) - grown;
-    found.high = max(places.x, max(places.y, places.z)) + grown;
+    found.low = min(projections.x, min(projections.y, projections.z)) - grown;
+    found.high = max(projections.x, max(projections.y, projections.z)) + grown;
     found.uv = projected(a.xy, b.xy, c.xy);
     found.vw = projected(a.yz, b.yz, c.yz);
     found.wu = projected(a.zx, b.zx, c.zx);
@@ -168,7 +168,7 @@ fn columns(t: Triangle) -> u32 {
 }
 
 fn put(t: Triangle, voxel: vec3<i32>) {
-    let index = index_of(grid, vec3<u32>(turned_back(t.base + voxel, t.turn)));
+    let index = index_of(grid, vec3<u32>(swizzled_back(t.base + voxel, t.main_axis)));
 #if ALPHA == 1
     if t.alpha == 0u {
         return;
@@ -220,7 +220,7 @@ fn leave(number: u32, is_huge: bool) {
 
 // Small triangles, one an invocation; the others go to the queue.
 fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
-    let number = place(id, groups);
+    let number = invocation_index(id, groups);
     if number >= batch.triangles {
         return;
     }
@@ -251,7 +251,7 @@ fn fill_share(number: u32, first: u32, step: u32) {
 }
 
 // A workgroup for each large triangle, and all workgroups of a layer of the dispatch for each huge one. There are several layers where
-// the turns of one would exceed those that adapters make of an invocation's loops.
+// one would exceed the iterations that adapters allow an invocation.
 fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
     let large = atomicLoad(&queue[0]);
     for (var i = group.x + groups.x * group.z; i < large; i += groups.x * groups.z) {

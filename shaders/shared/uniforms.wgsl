@@ -1,6 +1,8 @@
 // What every stage of a frame shares: cameras, light, water. Host twin: src/stages/uniforms.rs.
 #define_import_path fathom::uniforms
 
+#import fathom::math::{perspective_divide}
+
 struct Frame {
     camera_view_projection: mat4x4<f32>,
     camera_inverse: mat4x4<f32>,
@@ -55,8 +57,13 @@ struct Frame {
 
 // World point at a place of the picture, 0…1 from its upper left corner, and a device depth.
 fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {
-    let p = frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0);
-    return p.xyz / p.w;
+    return perspective_divide(frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0));
+}
+
+// Focal lengths of the camera, in halves of the picture's width and height: lengths of the projection's first rows.
+fn focal_lengths() -> vec2<f32> {
+    let rows = transpose(frame.camera_view_projection);
+    return vec2(length(rows[0].xyz), length(rows[1].xyz));
 }
 
 // Distance along the view direction at a device depth, metres.

@@ -2,15 +2,16 @@
 // 1: a list of waves.
 #define_import_path fathom::water
 
+#import fathom::math::{TAU}
 #import fathom::uniforms::{frame, water_texels}
 
 #if WATER == 0
 // (n, ∂n/∂u, ∂n/∂v) at a place in tile units, bilinear, periodic.
 fn noise(uv: vec2<f32>) -> vec3<f32> {
     let size = vec2<i32>(textureDimensions(water_texels));
-    let place = fract(uv) * vec2<f32>(size) - 0.5;
-    let base = floor(place);
-    let f = place - base;
+    let texel = fract(uv) * vec2<f32>(size) - 0.5;
+    let base = floor(texel);
+    let f = texel - base;
     let low = (vec2<i32>(base) + size) % size;
     let high = (low + 1) % size;
     let a = textureLoad(water_texels, low, 0).xyz;
@@ -39,10 +40,8 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
     return frame.water_amplitude_m * h;
 }
 #else
-const TAU: f32 = 6.28318530717958648;
-
 // The same angle within ±π, where every adapter's sine is at its best.
-fn turned(angle: f32) -> f32 {
+fn wrapped(angle: f32) -> f32 {
     return angle - TAU * round(angle / TAU);
 }
 
@@ -52,7 +51,7 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
     let count = textureDimensions(water_texels).x;
     for (var i = 0u; i < count; i++) {
         let wave = textureLoad(water_texels, vec2(i, 0u), 0);
-        let angle = turned(dot(wave.xy, xz) + wave.w);
+        let angle = wrapped(dot(wave.xy, xz) + wave.w);
         h += wave.z * vec3(cos(angle), -sin(angle) * wave.xy);
     }
     return h;

@@ -1,9 +1,10 @@
 // defs: FACING=0, WATER=0
 // A sprite for each photon that has landed, in the receiver's tangent plane: SPT §3.1, Eq. 1. FACING 1 puts it in the screen's plane, as
 // point sprites lie: SPT Fig. 6, left.
-#import fathom::uniforms::{frame, world_at}
+#import fathom::uniforms::{focal_lengths, frame, world_at}
 #import fathom::layers::{surface_near, texel_of}
 #import fathom::photon::{Photon, has_landed}
+#import fathom::screen::{NOT_DRAWN}
 
 struct Sprites {
     size_px: vec2<f32>,
@@ -36,9 +37,9 @@ struct Varying {
     @location(2) @interpolate(flat) rise_w_m3: f32,
 }
 
-const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), vec3<f32>(0.0), 0.0);
+const NOWHERE: Varying = Varying(NOT_DRAWN, vec3<f32>(0.0), vec3<f32>(0.0), 0.0);
 // Sight along a plane meets it nowhere.
-const LEAST_COSINE: f32 = 1e-4;
+const MIN_COSINE: f32 = 1e-4;
 
 #if FACING == 1
 // Against the camera's axis, which is the projection's last row.
@@ -69,16 +70,13 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
         return NOWHERE;
     }
     let normal = normal_at(ndc, clip.w);
-    // A ball about the hit on the screen. Rows of the projection hold its scales times unit vectors.
-    let projection = frame.camera_view_projection;
-    let x = length(vec3(projection[0].x, projection[1].x, projection[2].x));
-    let y = length(vec3(projection[0].y, projection[1].y, projection[2].y));
+    // A ball about the hit on the screen.
     let aside = distance(photon.hit_m, frame.camera_position_m) / clip.w;
-    let reach = vec2(x, y) * settings.radius_m * aside / max(clip.w - settings.radius_m, frame.z_near_m);
+    let reach = focal_lengths() * settings.radius_m * aside / max(clip.w - settings.radius_m, frame.z_near_m);
     let corner = vec2(f32(vertex & 1u), f32((vertex >> 1u) & 1u)) * 2.0 - 1.0;
-    let place = vec4((ndc + corner * reach) * clip.w, clip.zw);
-    let left = weights[index / settings.per_ray] * exp(-frame.attenuation_per_m * photon.distance_m);
-    return Varying(place, photon.hit_m, normal, settings.rise_w_m3 * left);
+    let position = vec4((ndc + corner * reach) * clip.w, clip.zw);
+    let transmitted = weights[index / settings.per_ray] * exp(-frame.attenuation_per_m * photon.distance_m);
+    return Varying(position, photon.hit_m, normal, settings.rise_w_m3 * transmitted);
 }
 
 @fragment
@@ -91,7 +89,7 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
     let seen_m = world_at(uv, z);
     let sight = normalize(seen_m - frame.camera_position_m);
     let across = dot(sight, in.normal);
-    if abs(across) < LEAST_COSINE {
+    if abs(across) < MIN_COSINE {
         discard;
     }
     let far_m = dot(in.center_m - frame.camera_position_m, in.normal) / across;

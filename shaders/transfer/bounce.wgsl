@@ -1,12 +1,13 @@
 // defs: TEST=1, WATER=0
 // Photons that have met a mirror or glass go on from there: SPT §2.3. Those that have met anything else, or nothing, have ended.
+#import fathom::dispatch::{invocation_index}
 #import fathom::uniforms::{frame}
 #import fathom::layers::{NO_SURFACE}
 #import fathom::optics
 #import fathom::photon::{Photon, STILL_BOUNCING, has_landed}
 #import fathom::screen_ray::{Walk, smoothed, surface_hit}
 #import fathom::surface_texel::{Surface}
-#import fathom::transfer::{AGAIN, ENDED, INSIDE, Transfer, is_on_its_way}
+#import fathom::transfer::{AGAIN, ENDED, INSIDE, Transfer, is_travelling}
 
 struct Bounce {
     // Photons of this turn: the first, and how many.
@@ -16,7 +17,7 @@ struct Bounce {
     last: u32,
 }
 
-@group(1) @binding(0) var<uniform> turn: Bounce;
+@group(1) @binding(0) var<uniform> bounce: Bounce;
 @group(1) @binding(1) var<storage, read_write> transfers: array<Transfer>;
 @group(1) @binding(2) var<storage, read_write> photons: array<Photon>;
 @group(1) @binding(3) var<uniform> walk: Walk;
@@ -42,13 +43,13 @@ fn onward(ray: Transfer, photon: Photon, surface: Surface) -> Transfer {
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let row = id.x + id.y * groups.x * 64u;
-    let index = turn.first + row;
-    if row >= turn.rows || index >= walk.photons {
+    let row = invocation_index(id, groups);
+    let index = bounce.first + row;
+    if row >= bounce.rows || index >= walk.photons {
         return;
     }
     let ray = transfers[index];
-    if !is_on_its_way(ray) {
+    if !is_travelling(ray) {
         return;
     }
     let photon = photons[index];
@@ -60,7 +61,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         transfers[index].state = ENDED;
         return;
     }
-    if turn.last == 1u {
+    if bounce.last == 1u {
         transfers[index].state = ENDED;
         photons[index].fate = STILL_BOUNCING;
         return;

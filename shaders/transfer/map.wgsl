@@ -1,7 +1,7 @@
 // defs: FRESNEL=0, WATER=0
 // The transfer map: where each photon of the light's grid enters the water, and its refracted direction. SPT §2: "single
 // refractions, for instance at a water surface". Beside it each photon's share of the flux that one in the middle of the light carries.
-#import fathom::dispatch::place
+#import fathom::dispatch::{invocation_index}
 #import fathom::uniforms::{frame}
 #import fathom::photon::{angular_weight, in_mask, meet_water, photon_ray, transmittance}
 #import fathom::transfer::{FIRST, NEVER, Transfer}
@@ -21,7 +21,7 @@ struct Map {
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let index = place(id, groups);
+    let index = invocation_index(id, groups);
     if index >= settings.grid.x * settings.grid.y {
         return;
     }

@@ -25,10 +25,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let texel = vec2<i32>(id.xy);
     let z = textureLoad(depths, texel, 0, 0).x;
-    let place = world_at((vec2<f32>(id.xy) + 0.5) / settings.size_px, z);
-    let direction = to_light(place);
+    let position_m = world_at((vec2<f32>(id.xy) + 0.5) / settings.size_px, z);
+    let direction = to_light(position_m);
     let surface = surface_at(surfaces, texel, 0u);
     let is_asked = settings.receivers_only == 0u || is_receiver(surface.optics);
     let lit = z < 1.0 && is_asked && dot(surface.geometric_normal, direction) > 0.0;
-    transfers[id.x + id.y * size.x] = Transfer(place, select(NEVER, FIRST, lit), direction, 0.0);
+    transfers[id.x + id.y * size.x] = Transfer(position_m, select(NEVER, FIRST, lit), direction, 0.0);
 }

@@ -31,9 +31,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let surface = surface_at(surfaces, vec2<i32>(id.xy), 0u);
-    let place_m = world_at((vec2<f32>(id.xy) + 0.5) / settings.size_px, z);
-    let sight = normalize(place_m - frame.camera_position_m);
+    let position_m = world_at((vec2<f32>(id.xy) + 0.5) / settings.size_px, z);
+    let sight = normalize(position_m - frame.camera_position_m);
     let shown = z < 1.0 && dot(sight, surface.geometric_normal) < 0.0;
     let inside = optics::refracted(sight, surface.shading_normal, 1.0 / optics::refractive_index(surface.optics));
-    transfers[at.x + at.y * settings.count.x] = Transfer(place_m, select(NEVER, FIRST, shown), inside, 0.0);
+    transfers[at.x + at.y * settings.count.x] = Transfer(position_m, select(NEVER, FIRST, shown), inside, 0.0);
 }

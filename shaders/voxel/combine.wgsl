@@ -1,8 +1,8 @@
 // OR of the three slicemaps in one frame of reference. VAO §4.2.
 //
-// The slicemaps of y and z hold bits along their own axes. A block of 32 × 32 bits is turned into bits along x by a
-// transposition in five steps (Warren, Hacker's Delight, §7-3), so that each word is read once. A workgroup takes a cube of
-// 32 × 32 × 32 voxels: each invocation turns one block of z's slicemap and then one of y's.
+// The slicemaps of y and z hold bits along their own axes. Blocks of 32 × 32 bits are transposed into bits along x
+// in five steps (Warren, Hacker's Delight, §7-3), so that each word is read once. A workgroup takes a cube of
+// 32 × 32 × 32 voxels: each invocation transposes one block of z's slicemap and then one of y's.
 #import fathom::voxels::{Grid, index_of}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -12,15 +12,15 @@
 @group(0) @binding(4) var<storage, read_write> bits: array<atomic<u32>>;
 
 // Words along x of z's slicemap, [y][z]. A word more a row, so that a column lies in different banks.
-var<workgroup> turned_z: array<array<u32, 33>, 32>;
+var<workgroup> transposed_z: array<array<u32, 33>, 32>;
 
 alias Block = array<vec4<u32>, 8>;
 
-fn word_of(axis: u32, place: u32) -> u32 {
+fn word_of(axis: u32, index: u32) -> u32 {
     switch axis {
-        case 0u: { return along_x[place]; }
-        case 1u: { return along_y[place]; }
-        default: { return along_z[place]; }
+        case 0u: { return along_x[index]; }
+        case 1u: { return along_y[index]; }
+        default: { return along_z[index]; }
     }
 }
 
@@ -100,7 +100,7 @@ fn main(@builtin(workgroup_id) cube: vec3<u32>, @builtin(local_invocation_index)
             block = transposed(block);
         }
         for (var k = 0u; k < 32u; k++) {
-            turned_z[own][k] = block[k >> 2u][k & 3u];
+            transposed_z[own][k] = block[k >> 2u][k & 3u];
         }
     }
     workgroupBarrier();
@@ -114,7 +114,7 @@ fn main(@builtin(workgroup_id) cube: vec3<u32>, @builtin(local_invocation_index)
     }
     let x_words = n.y * (z + n.z * cube.x);
     for (var k = 0u; k < min(n.y - corner.y, 32u); k++) {
-        let word = word_of(0u, x_words + corner.y + k) | block[k >> 2u][k & 3u] | turned_z[k][own];
+        let word = word_of(0u, x_words + corner.y + k) | block[k >> 2u][k & 3u] | transposed_z[k][own];
         put(vec3(corner.x, corner.y + k, z), word);
     }
 }

@@ -5,7 +5,7 @@
 // sample within the cell reads no other voxels, so that it is 0 wherever the cell is empty. Cells of higher levels are
 // the OR of 2 × 2 × 2 cells, and the last along an axis takes what is left over: voxel v lies in cell
 // min(v >> level, size - 1).
-#import fathom::dispatch::{GROUP, place}
+#import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::rows::{pitch_words}
 
 struct Level {
@@ -61,7 +61,7 @@ fn span_at(start: u32, count: u32, has_before: bool) -> Span {
 // One invocation for 16 cells of a row.
 @compute @workgroup_size(GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let row = row_of(place(id, groups), (level.size.x + 15u) / 16u);
+    let row = row_of(invocation_index(id, groups), (level.size.x + 15u) / 16u);
     if row.z >= level.size.z {
         return;
     }
@@ -109,7 +109,7 @@ fn cell_at(cell: vec3<u32>) -> u32 {
 // One invocation for four cells of a row.
 @compute @workgroup_size(GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let row = row_of(place(id, groups), (level.size.x + 3u) / 4u);
+    let row = row_of(invocation_index(id, groups), (level.size.x + 3u) / 4u);
     if row.z >= level.size.z {
         return;
     }

@@ -1,7 +1,8 @@
 // The scene drawn into frusta one slice thin, and the OR of the three axes. VAO §4.1.
 // defs: AXIS=0
 #import fathom::voxels::{Grid, to_cells}
-#import fathom::dispatch::{GROUP, place}
+#import fathom::dispatch::{GROUP, invocation_index}
+#import fathom::pass_axes::{swizzled}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
 // A volume for each axis: columns and rows of its passes, and slices.
@@ -10,21 +11,11 @@
 @group(1) @binding(2) var along_z: texture_3d<f32>;
 @group(1) @binding(3) var<storage, read_write> bits: array<u32>;
 
-fn turned(v: vec3<f32>) -> vec3<f32> {
-#if AXIS == 0
-    return v.yzx;
-#else if AXIS == 1
-    return v.xzy;
-#else
-    return v.xyz;
-#endif
-}
-
 // The instance is the slice: near and far plane are its two sides.
 @vertex
 fn vertex(@location(0) position_m: vec3<f32>, @builtin(instance_index) slice: u32) -> @builtin(position) vec4<f32> {
-    let voxels = turned(to_cells(grid, position_m));
-    let share = voxels.xy / turned(vec3<f32>(grid.cells)).xy;
+    let voxels = swizzled(to_cells(grid, position_m));
+    let share = voxels.xy / swizzled(vec3<f32>(grid.cells)).xy;
     return vec4(2.0 * share.x - 1.0, 1.0 - 2.0 * share.y, voxels.z - f32(slice), 1.0);
 }
 
@@ -45,7 +36,7 @@ fn occupied(cell: vec3<u32>) -> bool {
 // One invocation for a word of the bit volume.
 @compute @workgroup_size(GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let number = place(id, groups);
+    let number = invocation_index(id, groups);
     if number >= grid.words {
         return;
     }

@@ -4,7 +4,8 @@
 // The raster units draw the large triangles. An invocation of `main` rasterizes a small one, as Karis, Stubbe and Wihlidal do (Nanite:
 // A Deep Dive, SIGGRAPH 2021), by edge functions (Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988) and the rule
 // of raster units: corners are rounded to steps of a pixel, and a centre on an edge counts if the edge is a top or a left one.
-#import fathom::dispatch::{GROUP, place}
+#import fathom::dispatch::{GROUP, invocation_index}
+#import fathom::pass_axes::{swizzled}
 #import fathom::voxels::{Grid, to_cells}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -22,31 +23,20 @@ struct Varying {
     @location(0) @interpolate(perspective) depth: f32,
 }
 
-// Column and row of the pass, and depth.
-fn turned(v: vec3<f32>) -> vec3<f32> {
-#if AXIS == 0
-    return v.yzx;
-#else if AXIS == 1
-    return v.xzy;
-#else
-    return v.xyz;
-#endif
-}
-
 fn pass_cells() -> vec3<u32> {
-    return vec3<u32>(turned(vec3<f32>(grid.cells)));
+    return vec3<u32>(swizzled(vec3<f32>(grid.cells)));
 }
 
 // In pixels and slices.
-fn turned_place(position_m: vec3<f32>) -> vec3<f32> {
-    return turned(to_cells(grid, position_m));
+fn pass_position(position_m: vec3<f32>) -> vec3<f32> {
+    return swizzled(to_cells(grid, position_m));
 }
 
 @vertex
 fn vertex(@location(0) position_m: vec3<f32>) -> Varying {
-    let place = turned_place(position_m);
-    let share = place / vec3<f32>(pass_cells());
-    return Varying(vec4(2.0 * share.x - 1.0, 1.0 - 2.0 * share.y, share.z, 1.0), place.z);
+    let position = pass_position(position_m);
+    let share = position / vec3<f32>(pass_cells());
+    return Varying(vec4(2.0 * share.x - 1.0, 1.0 - 2.0 * share.y, share.z, 1.0), position.z);
 }
 
 // Depths at the grid's border may be beyond it by rounding.
@@ -74,7 +64,7 @@ const STEP_BITS: vec2<u32> = vec2(8u);
 
 fn corner(number: u32) -> vec3<f32> {
     let first = 7u * corners[number];
-    return turned_place(vec3(vertices[first], vertices[first + 1u], vertices[first + 2u]));
+    return pass_position(vec3(vertices[first], vertices[first + 1u], vertices[first + 2u]));
 }
 
 fn rounded(corner: vec3<f32>) -> vec2<i32> {
@@ -83,8 +73,8 @@ fn rounded(corner: vec3<f32>) -> vec2<i32> {
 
 // Twice the area of the triangle that an edge spans with a point. Negative where the point lies on the outer side, or on an edge that
 // does not count. Boxes of up to 127 pixels do not overflow.
-fn weight(start: vec2<i32>, end: vec2<i32>, turn: i32, point: vec2<i32>) -> i32 {
-    let along = turn * (end - start);
+fn weight(start: vec2<i32>, end: vec2<i32>, winding: i32, point: vec2<i32>) -> i32 {
+    let along = winding * (end - start);
     let across = point - start;
     let weight = along.x * across.y - along.y * across.x;
     let top_or_left = along.y < 0 || along.y == 0 && along.x > 0;
@@ -93,7 +83,7 @@ fn weight(start: vec2<i32>, end: vec2<i32>, turn: i32, point: vec2<i32>) -> i32 
 
 @compute @workgroup_size(GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let first = 3u * place(id, groups);
+    let first = 3u * invocation_index(id, groups);
     if first >= arrayLength(&corners) {
         return;
     }
@@ -106,15 +96,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let cells = vec3<i32>(pass_cells());
     let low = max((min(a, min(b, c)) + 255) >> STEP_BITS, vec2(0));
     let high = min(max(a, max(b, c)) >> STEP_BITS, cells.xy - 1);
-    let turn = sign((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x));
-    if any(low > high) || turn == 0 {
+    let winding = sign((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x));
+    if any(low > high) || winding == 0 {
         return;
     }
     let depths = vec3(p.z, q.z, r.z);
     var pixel = low;
     while pixel.y <= high.y {
         let center = pixel << STEP_BITS;
-        let weights = vec3(weight(b, c, turn, center), weight(c, a, turn, center), weight(a, b, turn, center));
+        let weights = vec3(weight(b, c, winding, center), weight(c, a, winding, center), weight(a, b, winding, center));
         if all(weights >= vec3(0)) {
             let depth = dot(vec3<f32>(weights), depths) / f32(weights.x + weights.y + weights.z);
             // What clipping leaves of a triangle.

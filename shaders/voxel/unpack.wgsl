@@ -1,7 +1,7 @@
 // Bits, or alphas of a word each, to bytes in rows as a copy to a texture wants them. VAO §4.2.
 // defs: ALPHA=0
 #import fathom::voxels::{Grid}
-#import fathom::dispatch::{GROUP, place}
+#import fathom::dispatch::{GROUP, invocation_index}
 #import fathom::rows::{pitch_words}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -35,7 +35,7 @@ fn word_at(start: u32) -> u32 {
 @compute @workgroup_size(GROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let parts = (grid.cells.x + 31u) / 32u;
-    let number = place(id, groups);
+    let number = invocation_index(id, groups);
     let row = number / parts;
     if row >= grid.cells.y * grid.cells.z {
         return;

@@ -1,5 +1,5 @@
 // Full voxels as cubes, seen from the camera. VAO Fig. 2.
-#import fathom::uniforms::{frame}
+#import fathom::uniforms::{focal_lengths, frame}
 #import fathom::screen::{corner}
 #import fathom::voxels::{Grid, index_of, to_cells}
 
@@ -19,7 +19,7 @@ const GAMMA: f32 = 2.2;
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
-    @location(0) place: vec2<f32>,
+    @location(0) ndc: vec2<f32>,
 }
 
 struct Seen {
@@ -83,15 +83,14 @@ fn walk(origin: vec3<f32>, direction: vec3<f32>) -> Hit {
 
 // How plain the edges of voxels are at a point; `pixel` is the side of a pixel in the clip square.
 fn plainness(clip_w: f32, pixel: f32) -> f32 {
-    let view = frame.camera_view_projection;
-    let voxel_px = grid.voxel_m * length(vec3(view[0].y, view[1].y, view[2].y)) / (clip_w * pixel);
+    let voxel_px = grid.voxel_m * focal_lengths().y / (clip_w * pixel);
     return saturate((voxel_px - EDGE_PX.x) / (EDGE_PX.y - EDGE_PX.x));
 }
 
 @fragment
 fn fragment(in: Varying) -> Seen {
-    let pixel = fwidth(in.place.y);
-    let world = frame.camera_inverse * vec4(in.place, 0.0, 1.0);
+    let pixel = fwidth(in.ndc.y);
+    let world = frame.camera_inverse * vec4(in.ndc, 0.0, 1.0);
     let near = to_cells(grid, world.xyz / world.w);
     let direction = normalize(world.xyz / world.w - frame.camera_position_m);
     let hit = walk(near, direction);

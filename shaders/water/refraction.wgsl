@@ -1,15 +1,14 @@
 // What lies beyond the water, drawn from the camera: UW §3 step 4.
 #import fathom::uniforms::{frame}
-#import fathom::surface::{Material, SceneVertex}
-#import fathom::lit_scene::{Varying, kept, radiance}
+#import fathom::surface::{Material, SceneVertex, Varying, projected}
+#import fathom::lit_scene::{kept, radiance}
 #import fathom::shading
 
 @group(1) @binding(0) var<storage, read> materials: array<Material>;
 
 @vertex
 fn vertex(in: SceneVertex) -> Varying {
-    let clip = frame.camera_view_projection * vec4(in.position_m, 1.0);
-    return Varying(clip, in.position_m, in.normal, in.material);
+    return projected(in, frame.camera_view_projection);
 }
 
 @fragment

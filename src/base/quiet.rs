@@ -69,10 +69,10 @@ pub struct Conditions {
     pub rasterizer_threads: Option<String>,
     /// Whether addresses are randomized, if that is known.
     pub randomized: Option<bool>,
-    /// A digest of the machine's id and host name. Records of earlier versions have the host name or nothing.
+    /// A digest of the machine's id and host name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub host: Option<String>,
-    /// The computer. Absent from records of earlier versions and of systems other than Linux.
+    /// The computer. Absent on systems other than Linux.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<Machine>,
 }

@@ -336,8 +336,8 @@ mod tests {
         let six = estimate(&[3.0, 1.0, 2.0, 5.0, 4.0, 6.0]);
         assert_eq!(six.interval, Some(Interval { low: 1.0, high: 6.0 }));
         for alpha in [0.05, 0.01, 0.005, 0.0003] {
-            let least = min_samples(alpha);
-            assert_eq!((lower_rank(least - 1, alpha), lower_rank(least, alpha)), (None, Some(1)));
+            let min_n = min_samples(alpha);
+            assert_eq!((lower_rank(min_n - 1, alpha), lower_rank(min_n, alpha)), (None, Some(1)));
         }
         assert_eq!([0.05, 0.01].map(min_samples), [6, 8]);
     }
@@ -477,10 +477,10 @@ mod tests {
             let [low, high] = e.ends();
             prop_assert!(min <= low && low <= e.median && e.median <= high && high <= max);
             prop_assert_eq!(e.interval.is_some(), samples.len() >= 6);
-            let turned = estimate(&samples.iter().rev().map(|x| x * scale).collect_vec());
+            let reversed = estimate(&samples.iter().rev().map(|x| x * scale).collect_vec());
             let close = |a: f64, b: f64| (a - b * scale).abs() <= 1e-9 * a.abs().max(1.0);
-            prop_assert!(close(turned.median, e.median) && turned.n == e.n);
-            prop_assert!(close(turned.ends()[0], low) && close(turned.ends()[1], high));
+            prop_assert!(close(reversed.median, e.median) && reversed.n == e.n);
+            prop_assert!(close(reversed.ends()[0], low) && close(reversed.ends()[1], high));
         }
     }
 

@@ -197,7 +197,7 @@ pub fn check_id(id: &str) -> Result<(), String> {
         return Err(format!("id `{}` must be lower-case letters, digits and `-`", line(id)));
     }
     if id.len() > ID_LENGTH {
-        return Err(format!("id `{id}` has {} characters, the most are {ID_LENGTH}", id.len()));
+        return Err(format!("id `{id}` has {} characters, the best are {ID_LENGTH}", id.len()));
     }
     Ok(())
 }
@@ -251,20 +251,18 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     };
     let rated = candidates.into_iter().map(|candidate| (likeness(candidate), candidate));
     let alike = rated.filter(|(likeness, _)| *likeness > ALIKE);
-    let most = alike.max_by(|a, b| a.0.total_cmp(&b.0));
-    most.map(|(_, candidate)| candidate.to_owned())
+    let best = alike.max_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(_, candidate)| candidate.to_owned())
 }
 
-/// The families of some stages, each once: what their names begin with, up to the stroke.
+/// What a stage's name begins with, up to the stroke: `caustics` of `caustics/trace`.
+pub fn family(stage: &str) -> &str {
+    stage.split('/').next().unwrap_or(stage)
+}
+
+/// The families of some stages, each once.
 pub fn families<'a>(stages: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut families = Vec::new();
-    for stage in stages {
-        let family = stage.split('/').next().unwrap_or(stage);
-        if !families.contains(&family) {
-            families.push(family);
-        }
-    }
-    families
+    stages.into_iter().map(family).unique().collect()
 }
 
 #[cfg(test)]

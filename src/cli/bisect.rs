@@ -44,7 +44,7 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
             ..GateSettings::default()
         },
         batch: args.batch,
-        max_launches: args.most_launches,
+        max_launches: args.max_launches,
         resume: args.resume,
     };
     let out = flow::lock_output(args.out.as_deref(), "bisect", false)?;

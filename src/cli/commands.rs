@@ -30,7 +30,7 @@ use serde_json::{Value, json};
 
 use super::{AdapterArgs, AnswerArgs, DumpArgs, MeasureArgs, RenderArgs, RunArgs, WorkerArgs};
 
-/// Where figures go that are not told where.
+/// Default folder of published figures.
 const FIGURES_FOLDER: &str = "figures";
 /// A cell, a check or a figure failed.
 pub const SOMETHING_FAILED: u8 = 1;
@@ -47,14 +47,14 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> ExitResult {
         resume: args.resume,
         seed: args.seed,
         no_ceilings: args.no_ceilings,
-        ..begun(catalog, &args.measured)?
+        ..shared_options(catalog, &args.measured)?
     };
     watch_interrupts()?;
     measure(args.measured.png, &RunOptions { request: request(args), ..options }, start)
 }
 
-/// What a run and a sweep are told alike. On a software adapter the process begins again on one core.
-pub fn begun(catalog: &Catalog, args: &MeasureArgs) -> anyhow::Result<RunOptions> {
+/// The options that a run and a sweep share. On a software adapter the process begins again on one core.
+pub fn shared_options(catalog: &Catalog, args: &MeasureArgs) -> anyhow::Result<RunOptions> {
     let gpu = gpu_options(catalog, &args.adapter);
     on_one_core(&gpu)?;
     Ok(RunOptions {
@@ -362,7 +362,7 @@ pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>, png: bool) -> ExitRes
     }
     anyhow::ensure!(!png, "--png is for the plots of one folder, without --out");
     let out = out.context(
-        "several folders make one page: say with --out where to write it; `fathom compare` of two files of records prints what changed",
+        "several folders make one page: say with --out where to write it; `fathom compare OLD NEW` prints what changed between two runs",
     )?;
     write_into(&out, vec![exporters::ReportFolders::read(&folders)?.page()])
 }

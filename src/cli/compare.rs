@@ -9,8 +9,8 @@ use crate::compare::build::{self, ProgramCopy, Revision};
 use crate::compare::cells::Gates;
 use crate::compare::environment::{self, Environment};
 use crate::compare::flow::{self, CompareOptions, Program};
-use crate::compare::launch::WorkerStart;
 use crate::compare::settings;
+use crate::compare::worker_process::WorkerStart;
 use crate::harness::catalog::Catalog;
 use crate::judge::files::RunFile;
 use crate::judge::store::Comparison;
@@ -217,14 +217,13 @@ impl PreparedSide {
     }
 }
 
-/// Two files of records: what changed.
-fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> ExitResult {
-    let [base, head] = [RunFile::read(files[0])?, RunFile::read(files[1])?];
+/// Prints what changed from one run to another, each a folder or its file of records.
+fn two_runs(paths: [&PathBuf; 2], gates: &[Gate]) -> ExitResult {
+    let [base, head] = [RunFile::read(paths[0])?, RunFile::read(paths[1])?];
     let changes = RunChanges::from_files([&base, &head], gates)?;
-    let status = changes.status;
-    let headline = format!("{status} (status {}): {}", status as u8, changes.headline);
-    print::answer(RunChanges { headline, ..changes }.into_text());
-    Ok(ExitCode::from(status as u8))
+    let status = changes.status as u8;
+    print::answer(changes.into_text());
+    Ok(ExitCode::from(status))
 }
 
 /// Prints one of the tables of a folder, and writes all of them.

@@ -13,7 +13,7 @@ const TEXT: &str = "text";
 
 #[derive(Args)]
 pub struct CompareArgs {
-    /// Two files of records in place of two builds: what changed from one run to the other. Exact figures are judged; times are not, as two runs share no pairs
+    /// Two runs in place of two builds, each a folder or its file of records: what changed from one to the other. Exact figures are judged; times are not, as two runs share no pairs
     #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_exact", "base_bin", "replay", "resume", "out", "format"])]
     pub records: Vec<PathBuf>,
     /// Revision to build as the base: the commit in which it and the head part, their merge base
@@ -120,8 +120,8 @@ pub struct BisectArgs {
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LAUNCHES)))]
     pub batch: u32,
     /// Pairs of worker processes for the whole search, those of the ends apart
-    #[arg(long, value_name = "N", default_value_t = 120)]
-    pub most_launches: u32,
+    #[arg(long = "most-launches", value_name = "N", default_value_t = 120)]
+    pub max_launches: u32,
     /// Share by which a time must change to count
     #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
     pub threshold: f64,

@@ -1,5 +1,5 @@
-//! `fathom doctor`: whether a run on this machine would work: its adapters, their clocks, assets, tools. What its times would be worth
-//! every run says of itself.
+//! `fathom doctor`: whether a run works on this machine: its adapters, their clocks, assets, tools. How far its times can be trusted, each
+//! run says itself.
 
 use std::process::ExitCode;
 

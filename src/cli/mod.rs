@@ -27,7 +27,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
 use strum::IntoEnumIterator;
 
-/// What a command runs that is not told.
+/// Defaults of commands that run one pipeline on one scene.
 pub const PIPELINE: &str = "underwater";
 pub const SCENE: &str = "tank";
 

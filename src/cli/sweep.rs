@@ -54,7 +54,7 @@ fn located(scene: &str) -> String {
 
 pub fn sweep(catalog: &Catalog, args: SweepArgs) -> ExitResult {
     let start = Instant::now();
-    let options = commands::begun(catalog, &args.measured)?;
+    let options = commands::shared_options(catalog, &args.measured)?;
     let request = SweepRequest {
         pipeline: args.pipeline,
         scene: located(&args.scene),

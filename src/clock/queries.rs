@@ -12,9 +12,9 @@ pub(crate) struct QueryResults {
 }
 
 impl QueryResults {
-    pub(crate) fn new(gpu: &Device, label: &str, most: u64) -> Self {
+    pub(crate) fn new(gpu: &Device, label: &str, max_count: u64) -> Self {
         use wgpu::BufferUsages as Usage;
-        let buffer = |usage| gpu.buffer(label, most * RESULT_BYTES, usage);
+        let buffer = |usage| gpu.buffer(label, max_count * RESULT_BYTES, usage);
         Self {
             resolved: buffer(Usage::QUERY_RESOLVE | Usage::COPY_SRC),
             read_back: buffer(Usage::MAP_READ | Usage::COPY_DST),

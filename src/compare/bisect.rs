@@ -394,7 +394,7 @@ impl Bisection<'_> {
             }
             visits[number] += 1;
             let candidate = &self.candidates[number - 1];
-            let measured = self.visit(number, visits[number], batch, (&cell, &figure));
+            let measured = self.visit(number, visits[number], batch, &cell, &figure);
             self.check_interrupt()?;
             match measured {
                 Ok(Evidence { launches, difference }) => {
@@ -424,7 +424,8 @@ impl Bisection<'_> {
         number: usize,
         visit: u64,
         batch: u32,
-        (cell, figure): (&CellId, &Metric),
+        cell: &CellId,
+        figure: &Metric,
     ) -> Result<Evidence> {
         let candidate = &self.candidates[number - 1];
         let label = text::file_stem(&candidate.label);

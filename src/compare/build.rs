@@ -1,5 +1,5 @@
-//! Builds of revisions. Of each repository one checkout and one target folder are kept in the user's cache, where no file of another
-//! revision lies above them, and cargo judges what of them is fresh.
+//! Builds of revisions. One checkout and one target folder of each repository are kept in the user's cache, and cargo builds only what
+//! changed. The cache lies outside the repository, where cargo would find files of another revision above the checkout.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ impl RevisionBuilds {
             .with_context(|| format!("git cannot check out {commit} in {}", checkout.display()))?;
         let source = checkout.join(&self.prefix);
         let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&checkout);
-        let mut compile = || compile((source, &built), target, label, &[], interrupted, progress);
+        let mut compile = || compile(source, &built, target, label, &[], interrupted, progress);
         let mut program = compile()?;
         let sum = |program: &Compiled| input::open(&program.path).and_then(input::sha256);
         let kept_sum = self.kept.join(PROGRAM_SUM);
@@ -314,11 +314,12 @@ pub struct Compiled {
     fresh: bool,
 }
 
-/// The program that cargo makes of a checkout, into a target folder, with these arguments more.
+/// The program that cargo builds from a checkout, with these arguments more.
 ///
 /// Nothing that cargo started is left in the end, or once `interrupted` is set.
 pub fn compile(
-    (source, built): (&Path, &Path),
+    source: &Path,
+    target_folder: &Path,
     target: CargoTarget,
     revision: &str,
     arguments: &[&str],
@@ -329,7 +330,7 @@ pub fn compile(
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--locked", "--color=never"]);
     cargo.arg("--message-format=json-render-diagnostics");
-    cargo.args(["-p", target.package, "--bin", target.binary, "--target-dir"]).arg(built);
+    cargo.args(["-p", target.package, "--bin", target.binary, "--target-dir"]).arg(target_folder);
     cargo.args(arguments).current_dir(source);
     match process::run(&mut cargo, limits, progress) {
         Ok(messages) => executable(&messages, target.binary)
@@ -372,7 +373,7 @@ pub fn store_program(built: &Path, program: &Path) -> Result<()> {
     copied.map_err(|error| anyhow!("cannot copy {}: {error}", built.display()))
 }
 
-/// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.
+/// A copy of a program for one comparison, which another build meanwhile does not change. It is removed when this is dropped.
 pub struct ProgramCopy {
     /// Held for its removal.
     _folder: TempDir,

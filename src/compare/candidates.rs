@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::build::{self, ProgramCopy, Revision, Worktree};
 use super::flow::Program;
-use super::launch::WorkerStart;
+use super::worker_process::WorkerStart;
 use fathom_base::process::{self, Limits, ProcessError};
 use fathom_base::{input, private, text};
 use fathom_gpu as gpu;

@@ -61,7 +61,7 @@ impl Gates {
         self.configurations.iter().flat_map(GateConfiguration::cells).collect()
     }
 
-    /// Drops what is not wanted; the cells may be none then.
+    /// Keeps the stages that are wanted, and the configurations that have any.
     pub fn retain(&mut self, wanted: impl Fn(CellSubject<'_>) -> bool) {
         for configuration in &mut self.configurations {
             configuration.stages.retain(|name| wanted(CellSubject::parse(name)));

@@ -9,15 +9,15 @@ use anyhow::{Context, Result, anyhow, bail};
 use itertools::Itertools;
 use serde_json::{Value, json};
 
-use super::bench::Processes;
 use super::cells::Gates;
 use super::environment;
+use super::exact_gate::{self, ExactGateSide};
 use super::instructions;
-use super::launch::{Quiet, ReplyWait, WorkerStart, allowed_cores};
+use super::launch_workers::LaunchProcesses;
+use super::launches::{self, EarlierLaunches};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
-use super::rounds::{self, EarlierLaunches};
 use super::settings;
-use super::survey::{self, SurveyedBuild};
+use super::worker_process::{Quiet, ReplyWait, WorkerStart, allowed_cores};
 use fathom_harness::assets;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
@@ -69,7 +69,7 @@ impl CompareOptions {
     }
 }
 
-/// Measures what `options` ask for into a folder and gives it with its lines. `tell` takes a line for each step.
+/// Measures what `options` ask for into a folder and gives it with its lines. `report` takes a line for each step.
 pub fn measure(
     options: &CompareOptions,
     taken: LockedFolder,
@@ -133,22 +133,22 @@ pub fn lock_output(
     }
 }
 
-/// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
+/// How to start a side's worker of the exact gate. Both run at once, each on a core of its own where there are two.
 fn start_build<'a>(
     options: &CompareOptions,
     side: Side,
     waiting: ReplyWait<'a>,
-) -> Result<SurveyedBuild<'a>> {
+) -> Result<ExactGateSide<'a>> {
     let core = allowed_cores().into_iter().cycle().nth(side as usize);
     let quiet = Some(Quiet { core, ..Quiet::default() });
     let start = WorkerStart { quiet, ..options.start(side) };
-    SurveyedBuild::new(start, waiting).map_err(|fault| anyhow!("the {side} build: {fault}"))
+    ExactGateSide::new(start, waiting).map_err(|fault| anyhow!("the {side} build: {fault}"))
 }
 
 /// What both sides say of themselves. Sides that were given the same must have the same adapter.
-fn greet(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2]> {
+fn greet(options: &CompareOptions, builds: &mut [ExactGateSide<'_>; 2]) -> Result<[Greeting; 2]> {
     let environments = options.programs.each_ref().map(|program| &program.start.environment);
-    let greet = |side: Side, build: &mut SurveyedBuild<'_>| -> Result<Greeting> {
+    let greet = |side: Side, build: &mut ExactGateSide<'_>| -> Result<Greeting> {
         build.greet().map_err(|fault| anyhow!("the {side} build: {fault}"))
     };
     let [base, head] = builds;
@@ -168,7 +168,7 @@ fn greet(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Resul
 }
 
 /// Of the programs of both sides.
-fn digests(options: &CompareOptions, builds: &[SurveyedBuild<'_>; 2]) -> Result<[String; 2]> {
+fn digests(options: &CompareOptions, builds: &[ExactGateSide<'_>; 2]) -> Result<[String; 2]> {
     let [base, head] = Side::BOTH.map(|side| {
         let path = &options.programs[side as usize].start.program;
         let digest = builds[side as usize].digest();
@@ -189,7 +189,7 @@ fn header(
         ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
-            protocol: Some(greeting.protocol),
+            protocol: greeting.protocol,
             build: greeting.build.clone(),
             digest: digests[side as usize].clone(),
             environment: environment::recorded(&program.start.environment, options.env_values),
@@ -346,7 +346,7 @@ impl ComparisonRun<'_> {
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
     fn exact(
         &mut self,
-        builds: &mut [SurveyedBuild<'_>; 2],
+        builds: &mut [ExactGateSide<'_>; 2],
         configurations: &[GateConfiguration],
     ) -> Result<Vec<GateConfiguration>> {
         let counting = self.has_gate(Gate::Exact);
@@ -360,11 +360,11 @@ impl ComparisonRun<'_> {
             if self.waiting.is_interrupted() {
                 break;
             }
-            let (known, faults) = survey::prepare(builds, configuration);
+            let (known, faults) = exact_gate::prepare(builds, configuration);
             self.write_lines(faults)?;
             let lacks = |cell: CellId| cell.subject().is_stage() && !self.before.has_exact(&cell);
             if counting && known.cells().any(lacks) {
-                self.write_lines(survey::exact(builds, &known))?;
+                self.write_lines(exact_gate::exact(builds, &known))?;
             }
             common.push(known);
         }
@@ -374,7 +374,7 @@ impl ComparisonRun<'_> {
             let stages = common.iter().flat_map(|configuration| &configuration.stages);
             let stages = stages.filter(|name| CellSubject::parse(name).is_stage());
             let stages: Vec<String> = stages.sorted().dedup().cloned().collect();
-            self.write_lines(survey::checks(builds, &stages))?;
+            self.write_lines(exact_gate::checks(builds, &stages))?;
         }
         Ok(common)
     }
@@ -412,7 +412,7 @@ impl ComparisonRun<'_> {
             common.iter().flat_map(GateConfiguration::cells).filter(timed).collect();
         let settings = &self.before.header.settings;
         let builds = Side::BOTH.map(|side| self.options.start(side));
-        let mut workers = match Processes::new(builds, common, settings.seed, self.waiting) {
+        let mut workers = match LaunchProcesses::new(builds, common, settings.seed, self.waiting) {
             Ok(workers) => workers,
             Err(cause) => {
                 let side = Some(cause.role.side());
@@ -437,7 +437,11 @@ impl ComparisonRun<'_> {
     }
 
     /// One of the two measurements of the time gate, or the first launches of one. Afterwards [`Self::before`] holds them.
-    fn launches(&mut self, schedule: &GateSchedule, workers: &mut Processes<'_>) -> Result<()> {
+    fn launches(
+        &mut self,
+        schedule: &GateSchedule,
+        workers: &mut LaunchProcesses<'_>,
+    ) -> Result<()> {
         if schedule.cells.is_empty() || !self.has_gate(Gate::Time) {
             return Ok(());
         }
@@ -456,7 +460,7 @@ impl ComparisonRun<'_> {
             tell(&format!("time gate: {done} of {launches} launches"));
             Ok(())
         };
-        rounds::run(schedule, workers, &before, self.interrupted, sink)?;
+        launches::run(schedule, workers, &before, self.interrupted, sink)?;
         self.before = Comparison::read(&self.output.output.folder)?;
         Ok(())
     }

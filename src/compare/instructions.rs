@@ -23,9 +23,9 @@ use std::time::Duration;
 use itertools::{Either, Itertools};
 use tempfile::TempDir;
 
-use super::launch::{self, Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::valgrind;
+use super::worker_process::{self, Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use fathom_base::{process, quiet, text};
 use fathom_judge::store::{self, Comparison};
 use fathom_record::RecordError;
@@ -37,7 +37,7 @@ use fathom_scene::assets;
 
 /// Frames that are counted of each cell and side.
 const FRAMES: u32 = 3;
-/// A worker under callgrind is killed so long after it was asked to end: until then its driver fills the shader cache.
+/// Time that a worker under callgrind has to end, in which its driver fills the shader cache. Then it is killed.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Padding of second counts: any other than none.
 const SECOND_PADDING: usize = quiet::PADDING_BYTES / 2 - 8;
@@ -76,7 +76,7 @@ pub fn run(
     start: &(dyn Fn(Side) -> WorkerStart + Sync),
     interrupted: &AtomicBool,
 ) -> Result<(), RecordError> {
-    let cores = launch::allowed_cores();
+    let cores = worker_process::allowed_cores();
     let workers = match cores.len() {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         n => n,
@@ -96,7 +96,7 @@ pub fn run(
                         let start = with_kept_shaders(start, &job.shaders);
                         let conditions = CountingSetup { start, wrapper: callgrind, waiting };
                         for line in count_warm(&job, &conditions) {
-                            // Nobody listens where a line could not be stored.
+                            // There is no receiver where a line could not be stored.
                             if sender.send(line).is_err() {
                                 return;
                             }

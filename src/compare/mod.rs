@@ -6,20 +6,20 @@
 //! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
 //! `report` writes it.
 
-pub mod bench;
 pub mod bisect;
 pub mod build;
 pub mod candidates;
 pub mod cells;
 pub mod environment;
+pub mod exact_gate;
 pub mod flow;
 pub mod instructions;
-pub mod launch;
-pub mod rounds;
+pub mod launch_workers;
+pub mod launches;
 pub mod settings;
-pub mod survey;
 mod valgrind;
 pub mod worker;
+pub mod worker_process;
 
 pub use fathom_record::protocol;
 

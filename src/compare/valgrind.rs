@@ -18,7 +18,7 @@ pub fn start_counting() {
     request(CALLGRIND_START_INSTRUMENTATION);
 }
 
-/// Takes what was counted since the last cut for not counted. Does nothing outside valgrind.
+/// Discards what was counted since the last cut. Does nothing outside valgrind.
 pub fn forget_counts() {
     request(CALLGRIND_ZERO_STATS);
 }

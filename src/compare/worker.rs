@@ -1,7 +1,6 @@
 //! `fathom worker`: holds the prepared configurations of one build and measures one stage of them on request.
 //!
-//! A stage is measured alone in a frame, in one command buffer, over what a whole frame before has left in its inputs, by a
-//! [`StageClock`].
+//! A stage is measured by a [`StageClock`], alone in a frame and in one command buffer. A whole frame before has filled its inputs.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};

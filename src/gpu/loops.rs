@@ -80,7 +80,7 @@ fn made(gpu: &Gpu, [outer, inner]: [u32; 2]) -> Result<u32, GpuError> {
     )))
 }
 
-/// What so many turns leave: `turned` in `shaders/audit/loops.wgsl`.
+/// What so many turns leave: `next_state` in `shaders/audit/loops.wgsl`.
 fn state_after(turns: u32) -> u32 {
     (0..turns)
         .fold(0, |state: u32, _| (state ^ (state >> 15)).wrapping_mul(0x2c1b_3c6d).wrapping_add(1))

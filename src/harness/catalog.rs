@@ -1,5 +1,5 @@
-//! What commands work on, by name: pipelines, shaders, scenes, experiments, checks and gate cells. A crate of one's own hands in
-//! a catalogue of its own.
+//! What commands work on, by name: pipelines, shaders, scenes, experiments, checks and gate cells. A program of another crate passes
+//! its own catalogue.
 
 use std::fs::File;
 use std::io::{self, Read};

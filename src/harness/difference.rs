@@ -53,9 +53,10 @@ impl References {
         gpu: &Gpu,
         timer: &mut FrameTimer,
         cell: &AnyPipeline,
-        (subject, stages): (&Subject, &[String]),
+        reference: &Subject,
+        stages: &[String],
     ) -> Result<f64> {
-        let known = self.images(gpu, timer, subject, &[stages])?;
+        let known = self.images(gpu, timer, reference, &[stages])?;
         relative_rms(&image(gpu, cell, stages)?, known[0])
     }
 

@@ -29,7 +29,7 @@ pub fn dump(gpu: &Gpu, subject: &Subject, stage: &str, folder: &Path) -> Result<
         bail!("stage `{stage}` leaves nothing to dump");
     }
     let folder = Dir::make(folder).map_err(|error| write_error(folder, error))?;
-    outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, &folder)).collect()
+    outputs.iter().map(|output| write(gpu, subject, stage, &context, output, &folder)).collect()
 }
 
 fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage> {
@@ -43,7 +43,8 @@ fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage> {
 fn write(
     gpu: &Gpu,
     subject: &Subject,
-    (stage, context): (&str, &Value),
+    stage: &str,
+    context: &Value,
     output: &StageDump,
     folder: &Dir,
 ) -> Result<PathBuf> {

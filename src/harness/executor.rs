@@ -1,4 +1,4 @@
-//! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
+//! Executor on the real device: builds cells, runs their frames, and writes their records.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -78,7 +78,8 @@ impl Session {
     pub fn new(
         gpu: Gpu,
         options: gpu::Options,
-        (plan, ceilings): (ClockPlan, Vec<Ceiling>),
+        plan: ClockPlan,
+        ceilings: Vec<Ceiling>,
         times: RunTimes,
     ) -> Result<Self, GpuError> {
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
@@ -202,8 +203,10 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     pub fn new(
         session: &'a mut Session,
         output: &'a mut RunOutput<'r>,
-        (number, planned): (usize, &'a PlannedExperiment),
-        (progress, schedule): (&'a mut CellProgress, &'a mut Schedule),
+        number: usize,
+        planned: &'a PlannedExperiment,
+        progress: &'a mut CellProgress,
+        schedule: &'a mut Schedule,
     ) -> Self {
         let PlannedExperiment { experiment, cells } = planned;
         let asked = experiment.measures().into_iter().flat_map(|measure| measure.quantities());
@@ -259,7 +262,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let first = hosts.get(&plan.pipeline).filter(|(first, _)| *first == (self.number, cell));
         // A resumed run measures it with the first cell whose figures it reads.
         if let Some((_, made)) = first.filter(|_| !is_late) {
-            let costs = host::costs(gpu, timer, (subject, pipeline), *made, &built.submits_ns);
+            let costs = host::costs(gpu, timer, subject, pipeline, *made, &built.submits_ns);
             let failure = "what it costs the CPU not measured";
             findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
         }
@@ -291,15 +294,21 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let PlannedCell { plan, reference, repetitions, .. } = &self.cells[cell];
         if let (Some(asked), Some(subject)) = (&plan.reference, reference) {
             let name = &asked.quantity;
-            let difference = references.difference(gpu, timer, pipeline, (subject, &asked.stages));
+            let difference = references.difference(gpu, timer, pipeline, subject, &asked.stages);
             let figures = difference.map(|value| [(name.clone(), value)]);
             findings.add(&format!("{name} not computed"), figures);
         }
         if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
-            let own = (&self.cells[cell].subject, pipeline);
-            let device = (&*gpu, timer);
-            let found =
-                repetitions::noise_and_bias(device, references, own, planned, &asked.output);
+            let own = &self.cells[cell].subject;
+            let found = repetitions::noise_and_bias(
+                gpu,
+                timer,
+                references,
+                own,
+                pipeline,
+                planned,
+                &asked.output,
+            );
             let found = findings.noted(NoteKind::NotComputed, "noise and bias not computed", found);
             let Some(NoiseAndBias { noise, bias }) = found else { return };
             let bias = findings.noted(NoteKind::NotComputed, "bias not computed", bias);
@@ -350,7 +359,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, &built)));
         let counted = self.count(cell, &built.pipeline);
         if let Some(reason) = self.session.gpu.loss_reason() {
-            // What could not be found then is not missing for ever.
+            // A later attempt may find what could not be found then.
             return Err(sample::device_lost(&reason));
         }
         counted.map_err(|error| error.to_string())?;

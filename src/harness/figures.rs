@@ -327,16 +327,6 @@ mod tests {
     }
 
     #[test]
-    fn files_of_panels_have_the_letters_of_their_captions() {
-        let figure = PaperFigure::load(&Folders::new(FIGURES), "vao-8").unwrap();
-        for (number, panel) in figure.panel.iter().enumerate() {
-            let file = panel_file(Path::new(""), &figure, number);
-            let letter = panel.caption.chars().nth(1).unwrap();
-            assert!(file.to_str().unwrap().starts_with(&format!("vao-8-{letter}")), "{file:?}");
-        }
-    }
-
-    #[test]
     fn figures_are_listed_by_number() {
         let ids = PaperFigure::ids(&Folders::new(FIGURES));
         let place = |id: &str| ids.iter().position(|known| known == id).unwrap();

@@ -15,7 +15,8 @@ const MIN_SUBMISSIONS: usize = 6;
 pub fn costs(
     gpu: &Gpu,
     timer: &mut FrameTimer,
-    (subject, pipeline): (&Subject, &AnyPipeline),
+    subject: &Subject,
+    pipeline: &AnyPipeline,
     made: MadePipelines,
     submits_ns: &[f64],
 ) -> Result<HostCosts, GpuError> {

@@ -88,12 +88,16 @@ fn stage_records(
         // Nothing was timed: what is known of its stages is their work.
         names = stages.iter().map(|stage| stage.name()).collect();
     }
-    let record = |(place, name): (usize, &str)| {
+    let record = |(index, name): (usize, &str)| {
         let stage = stages.iter().find(|stage| stage.name() == name);
-        let work = stage.map(|stage| (stage.work, stage.min_work)).unwrap_or_default();
+        let (work, min_work) = stage.map(|stage| (stage.work, stage.min_work)).unwrap_or_default();
         let counted = counters.iter().find(|stage| stage.name == name);
-        let counted = counted.map(|stage| stage.counters.clone()).unwrap_or_default();
-        stage_record(samples, (place, name), work, counted)
+        StageRecord {
+            work,
+            least_work: (min_work != work).then_some(min_work),
+            counters: counted.map(|stage| stage.counters.clone()).unwrap_or_default(),
+            ..stage_record(samples, index, name)
+        }
     };
     names.into_iter().enumerate().map(record).collect()
 }

@@ -110,7 +110,7 @@ pub struct PlannedCell {
     pub declared_s: f64,
     /// Beyond what the adapter can take, with the numbers.
     pub skip: Option<String>,
-    /// What its result is held against; see [`CellPlan::reference`].
+    /// The run that its result is compared with; see [`CellPlan::reference`].
     pub reference: Option<Subject>,
     /// The same and seen from elsewhere, where the experiment asks for views.
     pub views: Option<Vec<[Subject; 2]>>,
@@ -149,13 +149,14 @@ pub fn expand(
     Ok(expanded)
 }
 
-/// Expands and resolves `experiments` and holds each cell against what the adapter can take. `in_time` is asked before each cell; its
-/// error ends this.
+/// Expands and resolves `experiments`, and compares each cell with the adapter's limits. `in_time` is asked before each cell; its error
+/// ends this.
 pub fn plan(
     experiments: Vec<Experiment>,
     request: &Request,
     profile: Profile,
-    (capacity, catalog): (&Capacity, &Catalog),
+    capacity: &Capacity,
+    catalog: &Catalog,
     in_time: &dyn Fn() -> Result<()>,
 ) -> Result<Vec<PlannedExperiment>> {
     let mut subjects = Subjects::new(catalog).with_capacity(capacity);
@@ -165,10 +166,10 @@ pub fn plan(
     }
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
-        let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
+        let angles_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
         let cell = |plan| {
             in_time()?;
-            planned_cell(&mut subjects, plan, turns_deg, capacity)
+            planned_cell(&mut subjects, plan, angles_deg, capacity)
         };
         let cells: Vec<_> = plans.into_iter().map(cell).collect::<Result<_>>()?;
         if request.cells.is_empty() || !cells.is_empty() {
@@ -181,7 +182,7 @@ pub fn plan(
 fn planned_cell(
     subjects: &mut Subjects,
     plan: CellPlan,
-    turns_deg: Option<&[f64]>,
+    angles_deg: Option<&[f64]>,
     capacity: &Capacity,
 ) -> Result<PlannedCell> {
     let CellPlan { experiment, cell, .. } = &plan;
@@ -190,7 +191,7 @@ fn planned_cell(
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
     let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
-    let views = turns_deg.and_then(|turns_deg| views::twice(&of_cell, turns_deg));
+    let views = angles_deg.and_then(|angles_deg| views::twice(&of_cell, angles_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
         let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;

@@ -28,9 +28,11 @@ pub struct NoiseAndBias {
 
 /// Draws every repetition once, and gives what is asked of each output. That whose grids lie as the cell's own is drawn already.
 pub fn noise_and_bias(
-    (gpu, timer): (&Gpu, &mut FrameTimer),
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
     references: &mut References,
-    (own, drawn): (&Subject, &AnyPipeline),
+    own: &Subject,
+    drawn: &AnyPipeline,
     planned: &PlannedRepetitions,
     outputs: &[RepeatedOutput],
 ) -> Result<NoiseAndBias> {
@@ -75,7 +77,7 @@ impl OutputNoise {
         let (halves, whole) = ([half(0), half(1)], mean_image(images.iter()));
         let level = mean(whole.iter().copied());
         ensure!(level > 0.0, "the image is black");
-        // A repetition is part of the mean that it is held against, so that its difference from it is too small by this factor.
+        // A repetition is part of the mean that it is compared with, so that its difference from it is too small by this factor.
         // Places that are spread evenly make it up to √(n / (n − 1)) too large, in every cell alike.
         let own = count / (count - 1.0);
         let noise = images

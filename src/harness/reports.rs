@@ -1,4 +1,4 @@
-//! What a run writes: records, and reports while it goes on, made by whoever runs it from the records so far.
+//! Output of a run: its records, and reports of the records so far, which the caller makes.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -13,9 +13,9 @@ use fathom_record::{Cell, Record, RecordError, Run, RunProgress};
 /// Kept for the last records and the end of the process, seconds.
 const LAST_STEPS_S: f64 = 0.2;
 
-/// Reports are written no more often than this,
+/// Shortest time between two reports.
 const INTERVAL: Duration = Duration::from_secs(60);
-/// and take no more than this share of the time.
+/// Largest share of the time that reports take.
 const MAX_SHARE: f64 = 0.03;
 /// What the last report takes longer than the one before: it has more cells.
 const GROWTH: f64 = 1.5;

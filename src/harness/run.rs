@@ -1,5 +1,5 @@
-//! `fathom run`: batch after batch of cells as [`schedule`](super::schedule) has it, a record after every cell, and every now and
-//! then a report by whoever wants it. All of it, set-up included, takes no more than the time budget.
+//! `fathom run`: measures batches of cells in the order of [`schedule`](super::schedule), writes a record after every cell and a report
+//! from time to time. The time budget covers all of it, set-up included.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ const GPU_GROUP_BYTES: u64 = 2 << 30;
 
 /// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
 const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
-/// So much of a budget is not left without a word, seconds.
+/// A run that leaves more of its budget than this says why, seconds.
 const LEFT_S: f64 = 5.0;
 /// What a default budget has for set-up beside the time of its cells.
 const SET_UP_S: f64 = 30.0;
@@ -100,7 +100,7 @@ pub fn run(
     let profile = profile(options, resumed.as_ref(), &gpu);
     let part = options.request.part;
     if let Some(held) = &resumed {
-        check_same_request(held, (&options.command, &asked), &experiments)?;
+        check_same_request(held, &options.command, &asked, &experiments)?;
     }
     let in_time = || match options
         .budget_s
@@ -112,8 +112,7 @@ pub fn run(
         ),
     };
     let (request, catalog) = (&options.request, &options.catalog);
-    let mut planned =
-        plan::plan(experiments, request, profile, (&gpu.capacity, catalog), &in_time)?;
+    let mut planned = plan::plan(experiments, request, profile, &gpu.capacity, catalog, &in_time)?;
     in_time()?;
     let held = match resumed {
         Some(held) => held,
@@ -136,7 +135,7 @@ pub fn run(
     let earlier = record::earlier(&held.before, &header);
     let finished = finished(&planned, &earlier);
     plan::drop_finished(&mut planned, &earlier);
-    let deadly = drop_deadly(&mut planned, &held.before, &header, &earlier);
+    let crashed = fail_crashed_cells(&mut planned, &held.before, &header, &earlier);
     let progress: Vec<CellProgress> =
         planned.iter().map(|planned| CellProgress::new(planned, &held.before, &earlier)).collect();
     let precision = options.precision.unwrap_or(profile.precision());
@@ -146,14 +145,14 @@ pub fn run(
     let now = Instant::now();
     if !options.no_ceilings {
         let is_short = budget_s < MIN_BUDGET_OF_CEILINGS_S || in_time().is_err();
-        measure_limits((&gpu, plan), &mut header, &held.before, is_short)?;
+        measure_limits(&gpu, plan, &mut header, &held.before, is_short)?;
     }
     spent.since(now, SetUp::Ceilings);
     let mut measurement = Measurement {
         group_bytes: if gpu.adapter.software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
         round: next_round(&held.before).max(part.map_or(0, Part::first_round)),
-        session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
+        session: Session::new(gpu, options.gpu.clone(), plan, header.ceilings.clone(), spent)?,
         output: RunOutput {
             start,
             records: held.before.clone(),
@@ -169,7 +168,7 @@ pub fn run(
         interrupted,
     };
     measurement.begin()?;
-    measurement.output.finish_all(deadly)?;
+    measurement.output.finish_all(crashed)?;
     measurement.measure()?;
     measurement.end()
 }
@@ -186,7 +185,8 @@ fn finished(
 /// Puts the adapter's limits into the header, or why they were not measured. A fault that leaves the device does not keep it from
 /// the cells.
 fn measure_limits(
-    (gpu, plan): (&Gpu, ClockPlan),
+    gpu: &Gpu,
+    plan: ClockPlan,
     header: &mut Run,
     before: &[Record],
     is_short: bool,
@@ -206,23 +206,23 @@ fn measure_limits(
     Ok(())
 }
 
-/// Takes out the cells in which two processes ended, and gives their records. What was sampled of a cell did not end the process.
-fn drop_deadly(
+/// Marks cells that crashed two processes as failed: takes them out of the plan and gives their records. Cells with samples did not crash.
+fn fail_crashed_cells(
     planned: &mut [PlannedExperiment],
     before: &[Record],
     header: &Run,
     earlier: &BTreeMap<String, Earlier<'_>>,
 ) -> Vec<Cell> {
-    let deadly = record::crashed_cells(before);
-    let is_deadly = |cell: &PlannedCell| {
+    let crashed = record::crashed_cells(before);
+    let has_crashed = |cell: &PlannedCell| {
         !earlier.contains_key(&cell.resume_key)
-            && !deadly.is_empty()
-            && deadly.contains(&executor::begin_record(header, cell).id)
+            && !crashed.is_empty()
+            && crashed.contains(&executor::begin_record(header, cell).id)
     };
     let reason = "two processes ended while they built it or rendered its first frame";
     let failed = |cell: PlannedCell| cell.record(Outcome::Failed { reason: reason.to_owned() });
     let of = |planned: &mut PlannedExperiment| -> Vec<Cell> {
-        planned.cells.extract_if(.., |cell| is_deadly(cell)).map(failed).collect()
+        planned.cells.extract_if(.., |cell| has_crashed(cell)).map(failed).collect()
     };
     planned.iter_mut().flat_map(of).collect()
 }
@@ -262,7 +262,8 @@ fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], precision: f6
 /// A resumed run has the experiments, settings and part that it was begun with: figures of several would stand beside each other.
 fn check_same_request(
     held: &Recording,
-    (command, asked): (&[String], &Vec<String>),
+    command: &[String],
+    asked: &Vec<String>,
     experiments: &[Experiment],
 ) -> Result<()> {
     const SETTINGS: [(&str, bool); 2] = [("--set", true), ("--shard", true)];
@@ -379,7 +380,7 @@ fn header(options: &RunOptions, gpu: &Gpu, audit: &Audit, profile: Profile, seed
 
 /// For all cells that lack their precision, each as many times as its experiment's weight. Cells that are not timed take no time.
 fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &Schedule) -> f64 {
-    let (per_cell_s, most_s): (f64, f64) = match profile {
+    let (per_cell_s, max_s): (f64, f64) = match profile {
         Profile::Quick => (6.0, 240.0),
         Profile::Paper => (20.0, 1_800.0),
     };
@@ -391,7 +392,7 @@ fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &
         });
         planned.experiment.weight * due.count() as f64
     });
-    (SET_UP_S + weights.sum::<f64>() * per_cell_s).min(most_s)
+    (SET_UP_S + weights.sum::<f64>() * per_cell_s).min(max_s)
 }
 
 struct Measurement<'a> {
@@ -512,9 +513,14 @@ impl Measurement<'_> {
             seed: self.seed,
             first_round: self.round,
         };
-        let planned = (batch.experiment, &self.planned[batch.experiment]);
-        let known = (&mut self.progress[batch.experiment], &mut self.schedule);
-        let mut executor = CellExecutor::new(&mut self.session, &mut self.output, planned, known);
+        let mut executor = CellExecutor::new(
+            &mut self.session,
+            &mut self.output,
+            batch.experiment,
+            &self.planned[batch.experiment],
+            &mut self.progress[batch.experiment],
+            &mut self.schedule,
+        );
         self.round = sample::sample(&mut executor, &batch.cells, &settings, self.interrupted)?;
         self.session.gpu.drop_pipelines();
         Ok(())

@@ -5,9 +5,9 @@
 //! ([`visit`]): so the machine's drift affects all of them alike. A visit renders a frame of each of its cells with
 //! per-stage timing and one without: the ratio of the two is the cost of timing.
 //!
-//! A batch ends when its cells have the pairs of its [`Goal`]. Then somebody looks at the samples and decides what is sampled on
-//! (`harness::schedule`). A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow
-//! for that many looks. Cells whose times nobody asks for render one frame.
+//! A batch ends when its cells have the pairs of its [`Goal`]. Then `harness::schedule` looks at the samples and chooses the next batch.
+//! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks. Cells
+//! whose times are not asked for render one frame.
 //!
 //! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline. What was
 //! foreseen may be wrong: once the deadline is over no further step begins, be it a frame or the reading of a cell's figures.
@@ -54,7 +54,7 @@ pub enum Failure {
     DeviceLost(String),
 }
 
-/// What the scheduler schedules. Cells are told apart by the caller's index.
+/// Takes the steps that the scheduler chooses. A cell is named by the caller's index.
 pub trait Executor {
     /// An error that ends the run, such as a full disk.
     type Fatal;
@@ -109,8 +109,8 @@ pub struct CostForecast {
 impl CostForecast {
     /// All of a cell's first visits.
     pub fn first_visits_s(&self) -> f64 {
-        let most = (FIRST_VISITS_S / self.pair_s).ceil();
-        self.visit_s((most as usize).clamp(MIN_FIRST_PAIRS, MIN_PAIRS))
+        let max_pairs = (FIRST_VISITS_S / self.pair_s).ceil();
+        self.visit_s((max_pairs as usize).clamp(MIN_FIRST_PAIRS, MIN_PAIRS))
     }
 
     /// All of a visit of this many pairs after a warm-up of two frames.
@@ -188,16 +188,11 @@ impl LiveCell {
     }
 }
 
-/// The first look at more pairs than these.
-pub fn look_after(pairs: usize) -> Option<usize> {
-    LOOK_PAIRS.into_iter().find(|look| *look > pairs)
-}
-
 /// Pairs that cells are to have in the end that have so many now. Cells of one batch get the same number of new rounds where they
 /// are to be compared by round: with a cell that has none, and from look to look.
 pub fn targets(goal: Goal, pairs: &[usize]) -> Vec<usize> {
-    let next = |pairs: &usize| look_after(*pairs).unwrap_or(*pairs) - pairs;
-    let rounds = pairs.iter().map(next).max().unwrap_or(0);
+    let next = |pairs: &usize| Some(LOOK_PAIRS.into_iter().find(|look| look > pairs)? - pairs);
+    let rounds = pairs.iter().filter_map(next).max().unwrap_or(0);
     let any_is_new = pairs.contains(&0);
     let target = |pairs: &usize| match goal {
         Goal::FirstLook if any_is_new => *pairs + MIN_PAIRS,
@@ -244,7 +239,7 @@ pub fn sample<X: Executor>(
 #[derive(Default)]
 struct VisitSamples {
     timed: Option<FrameSample>,
-    untimed_ns: Option<f64>,
+    frame_ns: Option<f64>,
     /// What its frames took.
     frames_s: f64,
 }
@@ -370,7 +365,7 @@ impl<X: Executor> Sampler<'_, X> {
                 if timed {
                     taken.timed = Some(sampler.executor.time_frame(cell)?);
                 } else {
-                    taken.untimed_ns = Some(sampler.executor.run_frame(cell)?);
+                    taken.frame_ns = Some(sampler.executor.run_frame(cell)?);
                 }
                 Ok(())
             })?;
@@ -380,7 +375,7 @@ impl<X: Executor> Sampler<'_, X> {
         self.owes_one = false;
         let (unix_s, machine) = (self.executor.unix_s(), self.executor.machine());
         for (cell, taken) in taken {
-            self.add(cell, taken, (unix_s, machine.clone()))?;
+            self.add(cell, taken, unix_s, machine.clone())?;
         }
         self.save_due()
     }
@@ -433,18 +428,19 @@ impl<X: Executor> Sampler<'_, X> {
         &mut self,
         cell: usize,
         taken: VisitSamples,
-        (unix_s, machine): (f64, Option<MachineState>),
+        unix_s: f64,
+        machine: Option<MachineState>,
     ) -> Result<(), X::Fatal> {
         let Some(live) = self.live.get_mut(&cell) else {
             return Ok(());
         };
-        if let (Some(frame), Some(untimed_ns)) = (taken.timed, taken.untimed_ns) {
+        if let (Some(frame), Some(frame_ns)) = (taken.timed, taken.frame_ns) {
             live.pair_s = Some(taken.frames_s);
             let all_earlier = live.samples.pairs() == live.samples.earlier_pairs;
             if all_earlier && !live.samples.has_stages(&frame.stages) {
                 (live.samples, live.kept_pairs) = (Samples::default(), 0);
             }
-            live.samples.add(frame, untimed_ns, (self.round, unix_s, machine));
+            live.samples.add(frame, frame_ns, self.round, unix_s, machine);
         }
         match live.samples.verdict_on_rejections() {
             Some(reason) => self.close(cell, Err(reason)),

@@ -167,10 +167,10 @@ impl Schedule {
 
     /// Cells that may go on to their next look: of open claims, and of units those whose interval is wider than asked.
     fn to_deepen(&self) -> Vec<BatchChoice> {
-        let deeper = |rank, experiment: usize, cells: &[usize], least_width: f64| {
+        let deeper = |rank, experiment: usize, cells: &[usize], min_width: f64| {
             let may = |cell: &usize| {
                 let state = &self.cells[experiment][*cell];
-                state.recorded && state.may_go_on() && state.half_width > least_width
+                state.recorded && state.may_go_on() && state.half_width > min_width
             };
             let cells: Vec<usize> = cells.iter().copied().filter(may).collect();
             let batch = Batch { experiment, cells, goal: Goal::NextLook };

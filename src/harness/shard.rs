@@ -5,38 +5,30 @@
 
 use std::cmp::Reverse;
 
+use itertools::Itertools as _;
+
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_record::Part;
-
-/// Cells of one experiment that go to one shard together.
-struct ShardUnit {
-    experiment: usize,
-    cells: Vec<usize>,
-}
 
 /// Drops the cells of other shards. `expanded` holds those of each experiment.
 pub fn retain_shard(part: Part, experiments: &[Experiment], expanded: &mut [Vec<CellPlan>]) {
     let mut chosen = vec![Vec::new(); expanded.len()];
     let units = units(experiments, expanded);
-    for unit in units.iter().skip(part.number as usize - 1).step_by(part.of as usize) {
-        chosen[unit.experiment].extend(&unit.cells);
-    }
+    let own = units.iter().skip(part.number as usize - 1).step_by(part.of as usize);
+    own.for_each(|(experiment, cells)| chosen[*experiment].extend(cells));
     for (plans, chosen) in expanded.iter_mut().zip(chosen) {
         let mut index = 0..;
         plans.retain(|_| index.next().is_some_and(|index| chosen.contains(&index)));
     }
 }
 
-/// The largest first; equally large ones in the order of the plan.
-fn units(experiments: &[Experiment], expanded: &[Vec<CellPlan>]) -> Vec<ShardUnit> {
+/// Experiments and cells that go to one shard together: the largest first; equally large ones in the order of the plan.
+fn units(experiments: &[Experiment], expanded: &[Vec<CellPlan>]) -> Vec<(usize, Vec<usize>)> {
     let pairs = experiments.iter().zip(expanded).enumerate();
-    let of_experiment = |(index, (experiment, plans)): (usize, (&Experiment, &Vec<CellPlan>))| {
-        let units = experiment.units(plans).into_iter();
-        units.map(move |cells| ShardUnit { experiment: index, cells })
-    };
-    let mut units: Vec<ShardUnit> = pairs.flat_map(of_experiment).collect();
-    units.sort_by_key(|unit| Reverse(unit.cells.len()));
-    units
+    let units = pairs.flat_map(|(number, (experiment, plans))| {
+        experiment.units(plans).into_iter().map(move |cells| (number, cells))
+    });
+    units.sorted_by_key(|(_, cells)| Reverse(cells.len())).collect()
 }
 
 #[cfg(test)]
@@ -86,7 +78,7 @@ mod tests {
             assert_eq!((count, all.len()), (whole.len(), whole.len()), "{of} shards");
             let most = names(&shard_cells(1, of, &experiments, &expanded)).len();
             let least = names(&shard_cells(of, of, &experiments, &expanded)).len();
-            let largest = units(&experiments, &expanded)[0].cells.len();
+            let largest = units(&experiments, &expanded)[0].1.len();
             assert!(most - least <= largest, "{of} shards: {most} and {least} cells");
         }
     }

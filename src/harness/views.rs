@@ -23,10 +23,11 @@ const MIN_WEIGHT: f64 = 0.25;
 const SAME_NORMAL: f64 = 0.9;
 
 /// The camera turned about the vertical through its target.
-pub fn turned(camera: &Camera, turn_deg: f64) -> Camera {
+pub fn rotated(camera: &Camera, angle_deg: f64) -> Camera {
     let target = DVec3::from(camera.target_m);
-    let turn = DQuat::from_axis_angle(DVec3::from(camera.up).normalize(), turn_deg.to_radians());
-    let position = target + turn * (camera.position() - target);
+    let rotation =
+        DQuat::from_axis_angle(DVec3::from(camera.up).normalize(), angle_deg.to_radians());
+    let position = target + rotation * (camera.position() - target);
     Camera { position_m: position.to_array(), ..camera.clone() }
 }
 
@@ -67,10 +68,10 @@ fn panned(camera: &Camera, share: f64) -> Camera {
 
 /// The cell's own view, and those with the camera turned about its target by these angles, each as the cell is drawn, and drawn anew;
 /// none for pipelines without random numbers.
-pub fn twice(cell: &Subject, turns_deg: &[f64]) -> Option<Vec<[Subject; 2]>> {
+pub fn twice(cell: &Subject, angles_deg: &[f64]) -> Option<Vec<[Subject; 2]>> {
     let camera = cell.camera();
-    let viewed = |turn_deg: &f64| cell.with_camera(&turned(&camera, *turn_deg));
-    let all = std::iter::once(cell.clone()).chain(turns_deg.iter().map(viewed));
+    let viewed = |angle_deg: &f64| cell.with_camera(&rotated(&camera, *angle_deg));
+    let all = std::iter::once(cell.clone()).chain(angles_deg.iter().map(viewed));
     all.map(|view| Some([view.clone(), drawn_anew(&view)?])).collect()
 }
 
@@ -338,9 +339,9 @@ mod tests {
     }
 
     #[test]
-    fn turning_keeps_height_and_distance() {
+    fn rotating_keeps_height_and_distance() {
         let before = camera([4.0, 3.0, 2.0]);
-        let after = turned(&before, 90.0);
+        let after = rotated(&before, 90.0);
         let target = DVec3::from(before.target_m);
         let [before, after] = [before.position() - target, after.position() - target];
         assert!((before.y - after.y).abs() < 1e-9);

@@ -1,5 +1,5 @@
-//! A machine's drift, told from a change of the program by controls: figures that no commit changes. They are the adapter's own limits,
-//! which each run measures with fixed kernels, or series that the user names.
+//! Separates a machine's drift from changes of the program by controls: figures that no commit changes. They are the adapter's own
+//! limits, which each run measures with fixed kernels, or series that the user names.
 //!
 //! The speed of a machine in a run is the median over its controls of ln(time), each less its own median over the runs. At a change
 //! of a series the same runs of the speed are compared, those next to the change: a step of the machine at another night is
@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, HashMap};
 use fathom_base::statistics::{Estimate, median};
 
 use super::stored::{FigureSeries, SeriesKey, StoredRuns};
-use fathom_judge::shift::{excludes_none, shift};
+use fathom_judge::shift::{excludes_zero, shift};
 
 /// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
 pub const MAX_SIDE: usize = 60;
@@ -29,7 +29,7 @@ pub enum MachineShift {
     Still,
     /// The controls shifted too, and the series by more or less than they. The second is what is left of the change without it.
     Partly { machine: Estimate, left: Estimate },
-    /// The controls shifted in the same runs, in the same direction, and what is left cannot be told from nothing.
+    /// The controls shifted in the same runs, in the same direction, and the interval of what is left contains zero.
     Whole(Estimate),
 }
 
@@ -84,12 +84,12 @@ impl Controls {
         let Some((moved, rest)) = machine.interval.zip(left.interval) else {
             return MachineShift::Unknown;
         };
-        if !excludes_none(moved) {
+        if !excludes_zero(moved) {
             return MachineShift::Still;
         }
         let [before, after] = sides(MAX_SIDE).each_ref().map(PairedSeries::residuals);
         let left = shift(&before, &after);
-        let is_left = [Some(rest), left.interval].into_iter().flatten().all(excludes_none);
+        let is_left = [Some(rest), left.interval].into_iter().flatten().all(excludes_zero);
         if is_left {
             MachineShift::Partly { machine, left }
         } else if machine.median / whole.median >= EXPLAINED {

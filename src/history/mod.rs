@@ -20,7 +20,7 @@ pub use run::{NewFigure, NewRun};
 pub use store::{Added, History};
 pub use stored::{FigureSeries, RunValue, Selection, SeriesKey, StoredRun, StoredRuns};
 
-/// Where a history lies that nobody said the place of.
+/// Default file of a history.
 pub const DEFAULT_FILE: &str = "reports/history.sqlite";
 /// Variable with its place.
 pub const VARIABLE: &str = "FATHOM_HISTORY";

@@ -95,9 +95,14 @@ impl NewRun {
             }
             _ => error.into(),
         })?;
+        let first = read.records.first().and_then(Record::try_as_run_ref).cloned();
         let mut contents = RunContents::default();
         read.records.into_iter().for_each(|record| contents.take(record));
-        let header = contents.check(&path, &read.damaged)?;
+        contents.check(&path, &read.damaged)?;
+        let header = first.with_context(|| {
+            let path = path.display();
+            format!("{path} does not begin with a run's header, so it was not stored")
+        })?;
         let file = input::unpacked(&path, MAX_RECORDS);
         let of_figure = |(key, (host, value))| NewFigure { key, host, value };
         Ok(NewRun {
@@ -105,7 +110,7 @@ impl NewRun {
             started_at: header.started_at.clone(),
             adapter: header.adapter.title(),
             driver: driver(&header),
-            build: header.build.unwrap_or_default(),
+            build: header.build.clone().unwrap_or_default(),
             hosts: contents.hosts.into_iter().collect(),
             cells: contents.cells.len(),
             figures: contents.figures.into_iter().map(of_figure).collect(),
@@ -115,10 +120,8 @@ impl NewRun {
 
 #[derive(Default)]
 struct RunContents {
-    /// Of the first record, where that is one.
-    first: Option<Run>,
+    /// The latest.
     header: Option<Run>,
-    records: usize,
     is_comparison: bool,
     builds: IndexSet<Option<Build>>,
     hosts: IndexSet<Option<String>>,
@@ -130,7 +133,6 @@ struct RunContents {
 
 impl RunContents {
     fn take(&mut self, record: Record) {
-        self.records += 1;
         match record {
             Record::Run(run) => {
                 self.builds.insert(run.build.clone());
@@ -138,9 +140,6 @@ impl RunContents {
                 let host = run.conditions.host.as_deref().map(Name::from);
                 let limits = limits(&run).into_iter();
                 self.figures.extend(limits.map(|(key, value)| (key, (host.clone(), value))));
-                if self.records == 1 {
-                    self.first = Some((*run).clone());
-                }
                 self.header = Some(*run);
             }
             Record::Cell(cell) => {
@@ -158,8 +157,8 @@ impl RunContents {
         }
     }
 
-    /// The first header of sound records of a run.
-    fn check(&mut self, path: &Path, damaged: &Damaged) -> anyhow::Result<Run> {
+    /// Whether they are sound, and of one run.
+    fn check(&self, path: &Path, damaged: &Damaged) -> anyhow::Result<()> {
         let path = path.display();
         if !damaged.is_empty() {
             bail!("{path} is damaged, so it was not stored: {damaged}");
@@ -170,10 +169,7 @@ impl RunContents {
         if self.builds.len() > 1 {
             bail!("{path} was measured by several builds: measure it again, in another folder");
         }
-        let header = self.first.take();
-        header.with_context(|| {
-            format!("{path} does not begin with a run's header, so it was not stored")
-        })
+        Ok(())
     }
 }
 

@@ -28,10 +28,8 @@ const TABLES: &str = "
     CREATE TABLE fathom_figure (series INTEGER NOT NULL, run INTEGER NOT NULL, median REAL NOT NULL, low REAL, high REAL,
         n INTEGER NOT NULL, PRIMARY KEY (series, run)) WITHOUT ROWID;
     CREATE TABLE fathom_history (format INTEGER NOT NULL);";
-const ADD_SERIES: &str = "INSERT OR IGNORE INTO fathom_series
-    (machine, adapter, driver, profile, cell, configuration, figure, unit, clock) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)";
-const FIND_SERIES: &str = "SELECT id FROM fathom_series WHERE machine = ? AND adapter = ? AND driver = ? AND profile = ? AND cell = ?
-    AND configuration = ? AND figure = ? AND unit = ? AND clock = ?";
+/// Places of their values in a statement.
+const ONE_SERIES: &str = "(?, ?, ?, ?, ?, ?, ?, ?, ?)";
 
 /// An open history.
 pub struct History {
@@ -213,8 +211,11 @@ fn add_figures(
     new: &NewRun,
     origin: &Origin,
 ) -> anyhow::Result<()> {
-    let mut add = connection.prepare(ADD_SERIES)?;
-    let mut find = connection.prepare(FIND_SERIES)?;
+    let mut add = connection.prepare(&format!(
+        "INSERT OR IGNORE INTO fathom_series ({SERIES_COLUMNS}) VALUES {ONE_SERIES}"
+    ))?;
+    let find = format!("SELECT id FROM fathom_series WHERE ({SERIES_COLUMNS}) = {ONE_SERIES}");
+    let mut find = connection.prepare(&find)?;
     let mut put = connection.prepare("INSERT INTO fathom_figure VALUES (?, ?, ?, ?, ?, ?)")?;
     for NewFigure { key, host, value } in &new.figures {
         let [adapter, driver, profile, cell, configuration, figure, unit, clock] = key.names();

@@ -83,11 +83,6 @@ impl Selection {
 }
 
 impl SeriesKey {
-    /// `CELL FIGURE`.
-    pub fn name(&self) -> String {
-        line(&self.figure.name())
-    }
-
     /// Branch, machine, adapter, driver and profile in words.
     pub fn place(&self) -> String {
         let Self { branch, machine, figure } = self;

@@ -1,4 +1,4 @@
-//! Which of many revisions is the first with a step in a figure, told from noisy figures.
+//! Finds the first of many revisions with a step in a figure, by noisy measurements.
 //!
 //! Each revision keeps a probability, and the next one to measure is near the median of what is left: Horstein's search (1963),
 //! as Burnashev and Zigangirov (1974) and Waeber, Frazier and Henderson (2013) analyse it. A revision's figure is ln(figure / that of the good
@@ -45,7 +45,7 @@ const OTHER: f64 = 0.5;
 const BUILDS: [(f64, f64); 3] = [(1.0, 0.5), (2.0, 0.3), (4.0, 0.2)];
 /// The search ends with an answer of this probability.
 pub const MIN_CERTAINTY: f64 = 0.95;
-/// What measuring one more revision must promise, of the probability that is open: below this nothing more can be told.
+/// The search ends where one more measurement is expected to settle less than this share of the open probability.
 const MIN_PROMISE: f64 = 1e-3;
 
 /// A search among revisions 1 … n, of which the last is known to have the step. Revision 0 is the good one.
@@ -392,8 +392,8 @@ mod tests {
             self.batches += 1;
             let stormy = if self.batches.is_multiple_of(6) { self.storm } else { 1.0 };
             let launch = |_| {
-                let turns = self.launched as f64 / PLAIN as f64 + self.drift.1;
-                let drift = self.drift.0 * (std::f64::consts::TAU * turns).sin();
+                let cycles = self.launched as f64 / PLAIN as f64 + self.drift.1;
+                let drift = self.drift.0 * (std::f64::consts::TAU * cycles).sin();
                 self.launched += 1;
                 // One launch in twenty is disturbed.
                 let disturbed = self.random.random_bool(0.05);
@@ -466,10 +466,10 @@ mod tests {
 
     #[test]
     fn the_revision_is_found_in_fewer_launches_and_with_the_probability_that_is_told() {
-        for (step, least_found) in [(0.05, 0.84), (0.02, 0.28)] {
+        for (step, min_found) in [(0.05, 0.84), (0.02, 0.28)] {
             let ended =
                 ended(&format!("step {step}"), |seed| StepHistory::new(seed, step, LAUNCHES));
-            assert!(ended.found >= least_found && ended.right >= RIGHT, "{ended:?}");
+            assert!(ended.found >= min_found && ended.right >= RIGHT, "{ended:?}");
             assert!(ended.held >= HELD, "{ended:?}");
             assert!(step < 0.05 || ended.launches <= 0.6 * PLAIN as f64, "{ended:?}");
         }

@@ -130,17 +130,17 @@ fn largest(scores: &[f64], squares: f64) -> (usize, f64) {
 ///
 /// Each set of runs is as probable as any other to come first, so 2 / C(n, k) is the least probability there is. Runs with equal
 /// values can change places: no more than those that are not among the most that are equal count.
-fn split_p_value(z: f64, at: usize, n: usize, most_equal: usize) -> f64 {
+fn split_p_value(z: f64, at: usize, n: usize, max_equal: usize) -> f64 {
     let freedom = (n - 2) as f64;
     let rest = (n - 1) as f64 - z * z;
-    let side = at.min(n - at).min(n - most_equal);
-    let least = (std::f64::consts::LN_2 - ln_binomial(n as u64, side as u64)).exp();
+    let side = at.min(n - at).min(n - max_equal);
+    let min_p = (std::f64::consts::LN_2 - ln_binomial(n as u64, side as u64)).exp();
     if rest <= 0.0 {
-        return least;
+        return min_p;
     }
     let t = z * (freedom / rest).sqrt();
     let student = StudentsT::new(0.0, 1.0, freedom).map_or(1.0, |student| 2.0 * student.sf(t));
-    student.max(least).min(1.0)
+    student.max(min_p).min(1.0)
 }
 
 /// Probability that the largest over all splits is so far from 0, from the probability of one.

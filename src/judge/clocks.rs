@@ -1,4 +1,4 @@
-//! What the clocks of a run are worth.
+//! How far the clocks of a run can be trusted.
 
 use fathom_record::{Clock, PassKind, Run};
 

@@ -1,4 +1,4 @@
-//! The gate of instruction counts: a cell's median on both sides, and whether it changed.
+//! The instruction gate: compares a cell's median count on both sides.
 //!
 //! A cell whose counts differ is counted a second time, by fresh processes with another layout of the heap. It has changed if both
 //! counts say so, by the threshold and what processes of one side differ by. On lavapipe that was 0.7 % in

@@ -211,8 +211,8 @@ fn scope_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> Diffe
 
 fn check(base: &CheckReading, head: &CheckReading) -> Option<Difference> {
     let broken = base.sound && !head.sound;
-    let least = MIN_OF_TOLERANCE * base.tolerance;
-    let differs = broken || differs(base.measured, head.measured, least);
+    let min_difference = MIN_OF_TOLERANCE * base.tolerance;
+    let differs = broken || differs(base.measured, head.measured, min_difference);
     differs.then(|| Difference {
         scope: DifferenceScope::Stage(base.stage.clone()),
         kind: FigureKind::Error,
@@ -224,8 +224,8 @@ fn check(base: &CheckReading, head: &CheckReading) -> Option<Difference> {
 }
 
 /// A difference beyond what the order of floating-point sums makes. What is a number on one side only has moved.
-fn differs(base: f64, head: f64, least: f64) -> bool {
-    let tolerance = (ERROR_GROWTH * base.abs()).max(least);
+fn differs(base: f64, head: f64, min_difference: f64) -> bool {
+    let tolerance = (ERROR_GROWTH * base.abs()).max(min_difference);
     let within = (head - base).abs() <= tolerance;
     !within && (base.is_finite() || head.is_finite())
 }

@@ -1,73 +1,71 @@
-//! Comparison of two files of records: what they hold of the same cells.
+//! Comparison of the records of two runs: which cells both have, and the exact figures of these.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use itertools::Itertools;
 
 use crate::adapters::AdapterRelation;
-use crate::changes::cells::redefinition;
+use crate::matched_cells::{MatchedCells, RunCells, redefinition};
 use crate::store::Comparison;
 use fathom_base::private;
 use fathom_record as record;
 use fathom_record::comparison::{
     CellId, ComparisonEnd, ConfigurationFigures, ExactFigures, Fault, Gate, Side, Skip,
 };
-use fathom_record::{
-    Adapter, Cell, Measured, OVER_BUDGET, Outcome, Record, RecordError, RecordFile, Run,
-};
+use fathom_record::output::RECORDS;
+use fathom_record::protocol::with_driver;
+use fathom_record::{Cell, Measured, OVER_BUDGET, Outcome, Record, RecordError, RecordFile, Run};
 
-/// A file of a run's records, as it was read.
+/// The file of a run's records, as it was read.
 pub struct RunFile {
     pub path: PathBuf,
     pub reading: RecordFile,
 }
 
 impl RunFile {
+    /// Of a file or of the folder that holds it.
     pub fn read(path: &Path) -> Result<Self, RecordError> {
-        // The user names this file itself, if only by a link.
-        let target = path.canonicalize();
-        let reading = record::read(target.as_deref().unwrap_or(path))?;
-        Ok(Self { path: path.to_owned(), reading })
+        // The user names this file or folder itself, if only by a link.
+        let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let file = |path: &Path| if target.is_dir() { path.join(RECORDS) } else { path.to_owned() };
+        Ok(Self { path: file(path), reading: record::read(&file(&target))? })
     }
 }
 
 struct LastRun<'a> {
     run: &'a Run,
-    /// By settings key: the same pipeline, scene and parameters.
-    cells: BTreeMap<String, &'a Cell>,
+    cells: RunCells<'a>,
     notes: Vec<String>,
 }
 
-/// What two files hold of the same cells, as the exact gate judges it.
-pub struct SameCells {
+/// What two runs have of the same cells, as the exact gate judges it.
+pub struct SameCells<'a> {
     pub comparison: Comparison,
-    /// Why the times may not even stand beside each other.
+    pub cells: MatchedCells<'a>,
+    /// Why the times of the two runs must not be compared.
     pub untimed: Option<String>,
 }
 
-impl SameCells {
+impl<'a> SameCells<'a> {
     /// By these gates: where times are asked for, they are said not to be judged.
-    pub fn compare([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
-        let [base, head] = [sorted(base)?, sorted(head)?];
-        let untimed = check_comparable(base.run, head.run).err();
+    pub fn compare([base, head]: [&'a RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
+        let [base, head] = [last_run(base)?, last_run(head)?];
+        // Two versions of one driver are compared: what a new version changes is of interest.
+        let untimed = check_comparable(base.run, head.run, AdapterRelation::is_judged).err();
+        let cells = MatchedCells::match_runs(base.cells.clone(), head.cells.clone());
         let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
-        let (mut ids, mut unknown) = (BTreeMap::new(), 0);
-        for (key, cell) in &base.cells {
-            let of_head = head.cells.get(key).copied();
-            if let Some(of_head) = of_head.filter(|h| cell.has_same_sources(h) != Some(false)) {
-                unknown += usize::from(cell.sources.is_empty() != of_head.sources.is_empty());
-                contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
-            }
-        }
+        cells.pairs.iter().for_each(|pair| contents.add(&name(pair[0]), *pair));
         if contents.comparison.configurations.is_empty() {
-            bail!("the files have no measured cell in common: {}", why_none(&base, &head));
+            bail!("the files have no measured cell in common: {}", why_none(&base, &head, &cells));
         }
         let mut comparison = contents.comparison;
         let header = &mut comparison.header;
         (header.adapter, header.settings.gates) = (head.run.adapter.clone(), vec![Gate::Exact]);
         header.notes = [base.notes, head.notes].concat();
+        let is_unknown =
+            |[base, head]: &&[&Cell; 2]| base.sources.is_empty() != head.sources.is_empty();
+        let unknown = cells.pairs.iter().filter(is_unknown).count();
         header.notes.extend((unknown > 0).then(|| {
             format!("one file does not tell what the scenes of {unknown} cells were made of: whether they are the same is not known")
         }));
@@ -75,23 +73,18 @@ impl SameCells {
         let skip = Skip { gate: Gate::Time, reason };
         header.skipped.extend(gates.contains(&skip.gate).then_some(skip));
         comparison.end = Some(ComparisonEnd { wall_s: 0.0, interrupted: false });
-        Ok(Self { comparison, untimed })
+        Ok(Self { comparison, cells, untimed })
     }
 }
 
-/// How many each file holds, and what differs in the first that have one name.
-fn why_none(base: &LastRun<'_>, head: &LastRun<'_>) -> String {
-    let [of_base, of_head] =
-        [base, head].map(|of| of.cells.values().copied().filter(|c| c.measured().is_some()));
-    let counts = format!(
-        "{} measured in the base, {} in the head",
-        of_base.clone().count(),
-        of_head.clone().count()
-    );
-    let same_name =
-        of_base.cartesian_product(of_head).find(|(base, head)| name(base) == name(head));
-    same_name.map_or(counts.clone(), |(base, head)| {
-        format!("{counts}; they differ, such as {} in {}", name(head), redefinition(base, head))
+/// How many cells each file measured, and what differs in one that both have under one name.
+fn why_none(base: &LastRun<'_>, head: &LastRun<'_>, cells: &MatchedCells<'_>) -> String {
+    let measured = |of: &LastRun<'_>| of.cells.values().filter(|c| c.measured().is_some()).count();
+    let counts = format!("{} measured in the base, {} in the head", measured(base), measured(head));
+    let is_measured = |cells: &&[&Cell; 2]| cells.iter().all(|cell| cell.measured().is_some());
+    let same_name = cells.redefined.iter().find(is_measured);
+    same_name.map_or(counts.clone(), |cells| {
+        format!("{counts}; they differ, such as {} in {}", name(cells[0]), redefinition(*cells))
     })
 }
 
@@ -99,26 +92,18 @@ fn name(cell: &Cell) -> String {
     format!("{}:{}", cell.experiment, cell.cell)
 }
 
-/// The name, with a number if it was met before: cells may differ in parameters that are no axes.
-fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
-    let count = met.entry(name.clone()).or_default();
-    *count += 1;
-    match *count {
-        1 => name,
-        n => format!("{name} ({n})"),
-    }
-}
-
-fn sorted(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
+/// The run of a file, and its cells: of several runs the last, with what goes together with it.
+fn last_run(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
     let RunFile { path, reading } = file;
     let name = private::path(path);
     let mut notes: Vec<String> = reading.damaged.notice(Path::new(&name)).into_iter().collect();
     let mut last: Option<&Run> = None;
-    let mut cells = BTreeMap::new();
+    let mut cells = RunCells::new();
     for record in &reading.records {
         match record {
             Record::Run(run) => {
-                if let Some(Err(reason)) = last.map(|last| comparable(last, run)) {
+                let is_same = |relation| relation == AdapterRelation::Same;
+                if let Some(Err(reason)) = last.map(|last| check_comparable(last, run, is_same)) {
                     cells.clear();
                     notes.push(format!("{name}: only its last run counts: {reason}"));
                 }
@@ -127,7 +112,7 @@ fn sorted(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
             Record::Cell(cell) => {
                 // What a kill left of a cell is no figure to compare.
                 if cell.measured().is_none_or(Measured::is_finished) {
-                    cells.insert(cell.settings_key(), cell.as_ref());
+                    cells.insert((&cell.experiment, &cell.cell), cell.as_ref());
                 }
             }
             Record::Experiment(_) | Record::Begun(_) | Record::End(_) | Record::Comparison(_) => {}
@@ -137,35 +122,24 @@ fn sorted(file: &RunFile) -> anyhow::Result<LastRun<'_>> {
     Ok(LastRun { run, cells, notes })
 }
 
-/// Why the times of two runs may not stand beside each other. Two versions of one driver may: what that changes is of interest.
-fn check_comparable(base: &Run, head: &Run) -> Result<(), String> {
-    if AdapterRelation::between(&base.adapter, &head.adapter).is_judged() {
-        return same_shaders(base, head);
+/// Why the figures of two runs must not be compared whose adapters `is_comparable` judges.
+fn check_comparable(
+    base: &Run,
+    head: &Run,
+    is_comparable: impl Fn(AdapterRelation) -> bool,
+) -> Result<(), String> {
+    if !is_comparable(AdapterRelation::between(&base.adapter, &head.adapter)) {
+        let adapters = [base, head].map(|run| with_driver(&run.adapter));
+        return Err(format!("times of different adapters or drivers: {}", adapters.join(" and ")));
     }
-    comparable(base, head)
-}
-
-/// Why cells of two runs in one file may not be mixed.
-fn comparable(base: &Run, head: &Run) -> Result<(), String> {
-    let named = |adapter: &Adapter| {
-        format!("{} ({} {})", adapter.title(), adapter.driver, adapter.driver_info)
-    };
-    let (a, b) = (named(&base.adapter), named(&head.adapter));
-    if a != b || base.adapter.backend != head.adapter.backend {
-        return Err(format!("times of different adapters or drivers: {a} and {b}"));
-    }
-    same_shaders(base, head)
-}
-
-fn same_shaders(base: &Run, head: &Run) -> Result<(), String> {
     let (a, b) = (base.shader_checks, head.shader_checks);
     if a == b { Ok(()) } else { Err(format!("shaders {a} and {b}")) }
 }
 
-/// What the cells of two files amount to.
+/// The exact figures of the cells that both files have.
 #[derive(Default)]
 struct Contents {
-    /// Counters may stand beside each other: they belong to a driver, like times.
+    /// Counters are comparable only within one driver, as times are.
     same_driver: bool,
     comparison: Comparison,
 }

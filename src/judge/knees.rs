@@ -37,16 +37,16 @@ pub struct KneeBracket {
 pub struct ShareAt {
     pub size: f64,
     /// Frame by frame, at least and at most: the time of a stage below the clock's resolution may be anything below that.
-    pub least: Vec<f64>,
-    pub most: Vec<f64>,
+    pub min: Vec<f64>,
+    pub max: Vec<f64>,
 }
 
 /// Where a share of the frame crosses `bound`: every size from there on lies on the other side, by its interval.
 pub fn crossing(points: &[ShareAt], bound: f64) -> Knee {
     let alpha = ALPHA / points.len().max(1) as f64;
     let is_above = |point: &ShareAt| {
-        let is_below = median_interval(&point.most, alpha)?.high < bound;
-        let is_above = median_interval(&point.least, alpha)?.low > bound;
+        let is_below = median_interval(&point.max, alpha)?.high < bound;
+        let is_above = median_interval(&point.min, alpha)?.low > bound;
         (is_below || is_above).then_some(is_above)
     };
     let sides = points.iter().map(is_above).collect_vec();
@@ -62,13 +62,13 @@ pub fn crossing(points: &[ShareAt], bound: f64) -> Knee {
         (is_clean && stays).then(|| [&points[last_before], &points[first_after]])
     });
     let Some([before, after]) = changed else {
-        let few = points.iter().map(|point| point.least.len()).min().unwrap_or(0);
+        let few = points.iter().map(|point| point.min.len()).min().unwrap_or(0);
         return Knee::NotSettled(
             too_few(few, alpha)
                 .unwrap_or_else(|| format!("the interval of some size holds {} %", 100.0 * bound)),
         );
     };
-    let shares = [before, after].map(|point| median(&point.least));
+    let shares = [before, after].map(|point| median(&point.min));
     let along = (bound - shares[0]) / (shares[1] - shares[0]);
     let at = (before.size.ln() * (1.0 - along) + after.size.ln() * along).exp();
     let between = Interval { low: before.size, high: after.size };
@@ -135,8 +135,8 @@ mod tests {
     fn shares(of: &[f64], spread: f64) -> Vec<ShareAt> {
         let sizes = [64.0, 128.0, 256.0, 512.0];
         let point = |(size, share): (f64, &f64)| {
-            let least = samples(*share, spread);
-            ShareAt { size, most: least.clone(), least }
+            let min = samples(*share, spread);
+            ShareAt { size, max: min.clone(), min }
         };
         sizes.into_iter().zip(of).map(point).collect()
     }
@@ -168,12 +168,12 @@ mod tests {
             assert_eq!(between(crossing(&shares(of, spread), 0.5)), expected, "{what}");
         }
         let mut few = shares(&[0.2, 0.8], 0.01);
-        few.iter_mut().for_each(|point| point.least.truncate(5));
+        few.iter_mut().for_each(|point| point.min.truncate(5));
         let knee = crossing(&few, 0.5);
         assert_eq!(knee, Knee::NotSettled("too few samples: 5 of 7".to_owned()));
         for size in [0, 1] {
             let mut bounds = shares(&[0.2, 0.8], 0.01);
-            (bounds[size].least, bounds[size].most) = (vec![0.0; 12], vec![0.9; 12]);
+            (bounds[size].min, bounds[size].max) = (vec![0.0; 12], vec![0.9; 12]);
             assert_eq!(between(crossing(&bounds, 0.5)), Err(false), "size {size} is not known");
         }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use itertools::Itertools;
 
-use crate::shift::excludes_none;
+use crate::shift::excludes_zero;
 use fathom_base::statistics::{self, PairSlope};
 use fathom_record::{Estimate, FrameRecord, Run};
 
@@ -21,7 +21,7 @@ const STEAL: f64 = 0.01;
 const SPAN_S: f64 = 10.0;
 /// Spans at most, as pairs grow with the square of them.
 const MAX_SPANS: f64 = 120.0;
-/// Without a sample for so long the run was taken up again: what changed meanwhile is no drift.
+/// A run without a sample for so long was interrupted and resumed. Changes over the pause are not drift.
 const PAUSE_S: f64 = 300.0;
 
 /// The noisiest last.
@@ -89,9 +89,9 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// Its interval excludes none, and over the run it is more than this share.
+    /// The interval excludes zero, and the change over the run exceeds this share.
     fn exceeds(&self, share: f64) -> bool {
-        self.per_minute.interval.is_some_and(excludes_none) && self.change().abs() > share
+        self.per_minute.interval.is_some_and(excludes_zero) && self.change().abs() > share
     }
 
     /// Over the whole run.
@@ -124,7 +124,7 @@ impl RunVerdict {
         (cells > 0).then_some(verdict)
     }
 
-    /// What it was judged by. A drift whose interval holds none counts as none.
+    /// What it was judged by. A drift whose interval contains zero counts as zero.
     pub fn figures(&self) -> [BoundedFigure; 4] {
         let load = self.load.map(|load| [load.others / load.cores as f64, load.steal]);
         let [others, steal] = load.unwrap_or_default();
@@ -149,7 +149,7 @@ impl RunVerdict {
     }
 }
 
-/// By the quartiles, which half of all samples have to leave before it misses them. None below four samples.
+/// Scatter of the logarithms by their quartiles, which outliers hardly move. None below four samples.
 fn scatter(frame: &FrameRecord, drift_per_minute: f64) -> Option<f64> {
     /// Between the quartiles of a normal distribution, in standard deviations.
     const QUARTILES: f64 = 1.349;

@@ -34,9 +34,9 @@ impl GateSchedule {
     /// The second measurement, of the cells that this one left open.
     pub fn second_measurement(&self, open: Vec<CellId>) -> Self {
         let room = self.pairs as usize * self.cells.len() / open.len().max(1);
-        let most = (MORE_PAIRS * self.pairs) as usize;
+        let max_pairs = (MORE_PAIRS * self.pairs) as usize;
         Self {
-            pairs: room.clamp(self.pairs as usize, most) as u32,
+            pairs: room.clamp(self.pairs as usize, max_pairs) as u32,
             cells: open,
             second: true,
             ..self.clone()

@@ -22,8 +22,8 @@ pub fn shift(before: &[f64], after: &[f64]) -> Estimate {
     Estimate { median: median(&differences), interval, n }
 }
 
-/// It is told from no shift.
-pub fn excludes_none(interval: Interval) -> bool {
+/// The interval excludes zero.
+pub fn excludes_zero(interval: Interval) -> bool {
     interval.low > 0.0 || interval.high < 0.0
 }
 

@@ -134,7 +134,7 @@ impl Comparison {
         }
     }
 
-    /// Leaves out the pairs of launches that were cut short, whose numbers are nevertheless taken.
+    /// Drops the pairs of launches that did not finish. Their numbers are not used again.
     fn count_whole_launches(&mut self) {
         let whole: Vec<u32> = self.launches.iter().map(|launch| launch.launch).collect();
         let paired = self.pairs.iter().map(|pair| pair.launch);

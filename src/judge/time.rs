@@ -1,4 +1,4 @@
-//! What the pairs of the time gate say: a function of stored lines alone.
+//! The time gate's verdicts, from the stored pairs alone.
 //!
 //! A pair's figure is ln(head / base), as drift affects both of its sides. Who is sampled second in a pair finds the caches
 //! warmer, by up to 4 % of a sample, so a launch's figure of a cell is the median over all means of a pair in which the base
@@ -44,7 +44,7 @@ pub enum TimeVerdict {
 /// were (llvmpipe).
 pub const LOOK: u32 = 8;
 
-/// What the time gate says of a cell.
+/// The time gate's result for a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellTime {
     pub cell: CellId,
@@ -154,7 +154,7 @@ impl ThrottledLaunches {
     }
 }
 
-/// What the time gate says.
+/// The result of the time gate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TimeGate {
     /// In the order asked for; cells without any pair are left out.
@@ -240,8 +240,8 @@ fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> 
             cell.verdict = if slower { TimeVerdict::Slower } else { TimeVerdict::Faster };
         }
         let shift = rank::detectable(cell.max_launches(settings), level);
-        let least = |shift: f64| (bound + shift * deviation(&cell.launches)).exp_m1();
-        cell.detectable = shift.map(least);
+        let slowdown = |shift: f64| (bound + shift * deviation(&cell.launches)).exp_m1();
+        cell.detectable = shift.map(slowdown);
     }
     cells
 }

@@ -1,4 +1,4 @@
-//! From what was measured to what is concluded: a function of the stored lines alone.
+//! The verdicts of a comparison, from its stored records alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use super::store::Comparison;
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
 use fathom_record::comparison::{CellId, ComparisonHeader, Fault, Gate, Side};
 
-/// What is concluded of a cell, the worst first.
+/// Verdict on a cell, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Display, EnumIter)]
 #[strum(serialize_all = "lowercase")]
 pub enum CellVerdict {
@@ -33,7 +33,7 @@ pub enum CellVerdict {
     NotMeasured,
     /// Its time is neither shown to be the same nor to differ.
     Inconclusive,
-    /// Its exact figures are the same; its times, of different adapters, decide nothing.
+    /// Its exact figures are the same. Its times are of different adapters and are not judged.
     #[strum(to_string = "not judged")]
     NotJudged,
     Faster,
@@ -69,7 +69,7 @@ pub enum GateState {
     Ran,
     /// Not asked for, or not possible here: no failure.
     Skipped(String),
-    /// It was to run and gave nothing that can be used.
+    /// It was asked for and gave no usable figures.
     Void(String),
 }
 
@@ -93,7 +93,7 @@ pub enum Status {
     TimesNotJudged = 4,
 }
 
-/// Everything that is concluded from a comparison.
+/// All verdicts of a comparison.
 #[derive(Clone, Debug)]
 pub struct Verdicts<'a> {
     pub comparison: &'a Comparison,

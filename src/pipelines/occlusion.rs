@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation};
-use super::{ErrorPicture, Errors, Judge, JudgeError};
+use super::{ErrorPicture, Errors, Judge, JudgeError, share};
+use fathom_base::statistics::mean;
 use fathom_gpu::{Pixels, read_texture};
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::cache::AnswerKey;
@@ -111,11 +112,11 @@ impl OcclusionBuffers {
         let errors = errors_of(&self.raw.1)?;
         let false_positives = errors.iter().filter(|error| **error > FALSE_POSITIVE).count();
         let raw = figures("ao", self.raw.0, &errors);
-        let mean = points.iter().map(|point| point.occlusion).sum::<f64>() / points.len() as f64;
+        let mean = mean(points.iter().map(|point| point.occlusion));
         let mut judged = Errors::default();
         judged.quantities.insert("ao_mean".to_owned(), mean + raw[1].value);
         judged.quantities.insert("ao_reference_mean".to_owned(), mean);
-        let rate = false_positives as f64 / points.len() as f64;
+        let rate = share(false_positives, points.len());
         judged.quantities.insert("ao_false_positive_rate".to_owned(), rate);
         if let Some((stage, texture)) = &self.filtered {
             let filtered = figures("ao_filtered", stage, &errors_of(texture)?).into_iter();
@@ -338,9 +339,8 @@ fn errors(question: &OcclusionQuery, points: &[JudgedPoint], buffer: &Pixels) ->
 
 /// RMS and mean of the errors of a stage's buffer.
 pub(super) fn figures(name: &str, stage: &'static str, errors: &[f64]) -> [ErrorFigure; 2] {
-    let count = errors.len() as f64;
-    let bias = errors.iter().sum::<f64>() / count;
-    let square = errors.iter().map(|error| error * error).sum::<f64>() / count;
+    let bias = mean(errors.iter().copied());
+    let square = mean(errors.iter().map(|error| error * error));
     [("rmse", square.sqrt()), ("bias", bias)]
         .map(|(figure, value)| ErrorFigure::new(format!("{name}_{figure}"), value, "1", stage))
 }

@@ -165,7 +165,7 @@ fn light_of(view: &View) -> PictureLight {
 
 impl ShadowRays {
     fn shadowed(&self, end: &Photon) -> bool {
-        end.has_landed() && f64::from(end.distance_m) < light_of(&self.view).way_m(end.entry())
+        end.has_landed() && f64::from(end.distance_m) < light_of(&self.view).distance_m(end.entry())
     }
 
     /// An even selection of at most about so many of the pixels that face the light, each with its number.
@@ -179,7 +179,9 @@ impl ShadowRays {
         let answers = exact_answers(ends.len(), max_pixels, |pixel| {
             let [x, y] = [pixel as u32 % width, pixel as u32 / width];
             let place = rays.cast(&tracer, x, y)?.0.position;
-            Some(tracer.cast(place, light.to_light(place), off_m, light.way_m(place)).is_some())
+            Some(
+                tracer.cast(place, light.to_light(place), off_m, light.distance_m(place)).is_some(),
+            )
         });
         let facing = answers.into_iter().filter(|(n, _)| ends[*n].fate() != Fate::MissedWater);
         let pair = |(n, exact)| (n, InShadow { found: self.shadowed(&ends[n]), exact });

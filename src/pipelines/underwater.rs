@@ -7,15 +7,11 @@ mod landing;
 mod measure;
 mod parameters;
 
-use std::collections::BTreeMap;
-
 use glam::{UVec2, Vec2};
-use serde_json::Value;
 
-use super::caustics_image::CausticsPair;
-use super::settings::{VIEWPORT, begin, scaled};
-use super::{Errors, Judge, JudgeError, Pipeline, PipelineInstance};
-use fathom_gpu::{Gpu, GpuError};
+use super::Pipeline;
+use super::settings::{self, VIEWPORT, begin, scaled};
+use fathom_gpu::GpuError;
 use fathom_scene::Scene;
 use fathom_stages::caustics::splat::{self, SplatStyle, SplatUniforms};
 use fathom_stages::compose::{self, ComposeInputs, PictureUniforms};
@@ -109,29 +105,6 @@ impl Pipeline for Underwater {
     }
 }
 
-impl PipelineInstance for Underwater {
-    fn image(&self) -> &wgpu::Texture {
-        &self.image
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.measured_quantities(gpu)
-    }
-
-    fn context(&self, stage: &str) -> Value {
-        self.explained(stage)
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.landing_errors(judge)
-    }
-
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
-        let found = self.frame_caustics(judge)?;
-        CausticsPair::new(judge, &self.view, &found).map(Some)
-    }
-}
-
 /// Caustics and godrays. `light` is the light's depth and mask, `seen` the camera's depth.
 fn photon_grids(
     resources: &Resources<'_>,
@@ -206,7 +179,7 @@ fn photon_stages(
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
     let of_grid = &resources.with_size_hint(path.grid_sized_by);
-    let (info, dynamic) = (path.trace, grid.is_dynamic());
+    let (info, dynamic) = (path.trace, grid.mode == SubdivisionMode::Dynamic);
     let trace = photon::tracing(of_grid, info, shared, light, uniforms, dynamic, conserving)?;
     let photons = of_grid.push(trace);
     let of_buffer = &resources.with_size_hint(path.buffer_sized_by);
@@ -224,14 +197,11 @@ fn photon_stages(
 /// What the frame is seen from, for these parameters.
 pub fn view(params: &Params, scene: &Scene) -> View {
     View {
-        camera: params.camera.clone(),
-        light: params.light.clone(),
         water: params.water.clone(),
-        bounds: scene.bounds,
-        size_px: UVec2::new(params.view.width, params.view.height),
         edge_m: params.shadow.edge_m,
         photon_reach: params.photon_reach(),
         photons_fitted: params.photons_fitted,
+        ..settings::view(&params.view, &params.camera, &params.light, scene)
     }
 }
 
@@ -255,29 +225,9 @@ impl ViewPlan {
         let middle_m = params.middle_m();
         let [caustics, godrays] = [params.caustics_buffer(), params.godrays_buffer()];
         let pixel = |buffer: [u32; 2]| view.pixel_tangent(buffer) * middle_m;
-        let size = params.point_size();
-        let splat_px = size.size_px(middle_m);
+        let splat_px = params.point_size().size_px(middle_m);
         let grids = [params.caustics.grid_settings(), params.godrays.grid_settings()];
         let photons = [grids[0].photons(), grids[1].photons()];
-        let sides_px = [params.caustics.point_size_max_px, params.caustics.point_size_min_px];
-        let [near, most] = sides_px.map(|side_px| {
-            flux_w[0] / photons[0] as f64
-                * match params.caustics.intensity {
-                    IntensityRule::Paper => 1.0,
-                    IntensityRule::Conserving => side_px.powi(-2),
-                }
-        });
-        let least = near * (-params.water.attenuation_per_m * params.floor_depth_m).exp();
-        let splat = SplatUniforms {
-            size_px: as_vec2(caustics),
-            size_a_px: size.a_px as f32,
-            size_b_px_m: size.b_px_m as f32,
-            photon_w: (flux_w[0] / photons[0] as f64) as f32,
-            depth_bias_m: params.caustics.depth_bias_m as f32,
-            steps: splat::steps([least, most]),
-            photons: photons[0] as u32,
-            photons_per_instance: PHOTONS_PER_INSTANCE,
-        };
         let lines = LinesUniforms {
             size_px: as_vec2(godrays),
             square_px: view.square_px(godrays).as_vec2(),
@@ -299,7 +249,7 @@ impl ViewPlan {
             };
         Self {
             traces: grids.map(|grid| grid.uniforms(view, params.shadow.size)),
-            splat,
+            splat: splat_uniforms(params, flux_w[0] / photons[0] as f64, photons[0] as u32),
             splat_px,
             lines,
             line_px: params.floor_depth_m / pixel(godrays),
@@ -312,6 +262,30 @@ impl ViewPlan {
                 depth_share: params.caustics.filter_depth_share as f32,
             },
         }
+    }
+}
+
+/// Of splats of this many photons of this flux; the steps of their sum follow from the least and the greatest that one adds.
+fn splat_uniforms(params: &Params, photon_w: f64, photons: u32) -> SplatUniforms {
+    let (caustics, size) = (&params.caustics, params.point_size());
+    let sides_px = [caustics.point_size_max_px, caustics.point_size_min_px];
+    let [near, max] = sides_px.map(|side_px| {
+        photon_w
+            * match caustics.intensity {
+                IntensityRule::Paper => 1.0,
+                IntensityRule::Conserving => side_px.powi(-2),
+            }
+    });
+    let min = near * (-params.water.attenuation_per_m * params.floor_depth_m).exp();
+    SplatUniforms {
+        size_px: as_vec2(params.caustics_buffer()),
+        size_a_px: size.a_px as f32,
+        size_b_px_m: size.b_px_m as f32,
+        photon_w: photon_w as f32,
+        depth_bias_m: caustics.depth_bias_m as f32,
+        steps: splat::steps([min, max]),
+        photons,
+        photons_per_instance: PHOTONS_PER_INSTANCE,
     }
 }
 

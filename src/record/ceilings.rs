@@ -86,13 +86,13 @@ impl Limit {
     }
 }
 
-/// Reads a run's limits, without those that only earlier versions measured.
+/// Reads a run's limits. Those of other names are left out: the committed runs have some.
 pub(super) fn read<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Ceiling>, D::Error> {
     let all = Vec::<Value>::deserialize(from)?;
     all.into_iter().filter_map(parse_if_known).collect::<Result<_, _>>().map_err(D::Error::custom)
 }
 
-/// Reads a stage's share, unless it is of a limit that only earlier versions measured.
+/// Reads a stage's share, unless it is of a limit of another name.
 pub(super) fn read_share<'de, D: Deserializer<'de>>(
     from: D,
 ) -> Result<Option<CeilingShare>, D::Error> {
@@ -108,7 +108,7 @@ fn parse_if_known<T: DeserializeOwned>(value: Value) -> Option<serde_json::Resul
 /// A measured limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Ceiling {
-    /// Those of earlier versions are not read.
+    /// Limits of other names are not read.
     #[schemars(with = "String")]
     pub limit: Limit,
     /// Per second, in the limit's [unit](Limit::unit).
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_of_earlier_versions_are_left_out_and_a_broken_one_is_an_error() {
+    fn limits_of_other_names_are_left_out_and_a_broken_one_is_an_error() {
         let rate = r#""median":1.5,"n":7"#;
         let read = |ceilings: &str| {
             read(&mut serde_json::Deserializer::from_str(ceilings)).map(|found| found.len())

@@ -45,7 +45,7 @@ pub fn shown(folder: &Path) -> String {
     if is_same { shown } else { ".".to_owned() }
 }
 
-/// The command that goes on with a run in the folder of this name; none for records of earlier versions.
+/// The command that goes on with a run in the folder of this name; none where the records do not name its experiments.
 pub fn resuming(run: &Run, folder: &str) -> Option<String> {
     let place = |name: &String| {
         if name.ends_with(".toml") { format!("{folder}/{name}") } else { name.clone() }

@@ -238,9 +238,9 @@ pub struct ComparedBuild {
     pub label: String,
     /// Of the program.
     pub version: String,
-    /// Of the worker's line protocol. None for a file of records, two of which earlier versions compared in this form.
-    pub protocol: Option<u32>,
-    /// What it was built of and how, as it says. Absent from comparisons of earlier versions.
+    /// Of the worker's line protocol.
+    pub protocol: u32,
+    /// What it was built of and how, as it says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
     /// SHA-256 of the program or file, of a command its text and the files that its worker runs.
@@ -329,14 +329,12 @@ pub struct ConfigurationFigures {
     #[schemars(schema_with = "nan::map_schema")]
     pub errors: BTreeMap<String, f64>,
     /// The same with the stage that each judges.
-    #[serde(default)]
     pub judged: Vec<ErrorFigure>,
     /// Figures read back that are no errors: a change of one is reported, but not judged. The unit is in the name.
-    #[serde(default, deserialize_with = "nan::map")]
+    #[serde(deserialize_with = "nan::map")]
     #[schemars(schema_with = "nan::map_schema")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
-    #[serde(default)]
     pub notes: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What records tell apart: kinds of notes, of pictures, of frames that were not used, and the conditions of a run.
+//! Kinds of notes, pictures, rejected frames and profiles in records.
 
 use std::fmt;
 
@@ -159,7 +159,7 @@ pub struct Picture {
     /// Within the folder of the records, its parts joined by `/`.
     pub path: String,
     pub shows: PictureKind,
-    /// Where its colours are no light. Absent from records of earlier versions.
+    /// Where its colours are no light.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<PictureScale>,
 }

@@ -9,7 +9,7 @@ use fathom_base::folder::{self, Dir};
 use super::calendar;
 
 /// Name of the locked file. The system releases the lock when its process ends, however that ends, so a file that a killed
-/// process left behind blocks nobody.
+/// process left behind does not block others.
 pub const LOCK: &str = ".lock";
 /// Bytes read of what a holder says of itself.
 const MAX_HOLDER_BYTES: u64 = 1_000;
@@ -55,7 +55,7 @@ impl FolderLock {
 
 impl Drop for FolderLock {
     fn drop(&mut self) {
-        // What stays behind blocks nobody.
+        // What stays behind does not block others.
         let _ = fs::remove_file(self.folder.join(LOCK));
         if self.made_folder {
             // Fails if anything was written.
@@ -73,7 +73,7 @@ fn holder() -> String {
     format!("process {} (`fathom {command}`, since {})", std::process::id(), calendar::now())
 }
 
-/// One line. On some systems nobody but its holder reads a locked file.
+/// One line. On some systems only its holder can read a locked file.
 fn read_holder(file: &File) -> String {
     let mut text = Vec::new();
     let _ = file.take(MAX_HOLDER_BYTES).read_to_end(&mut text);

@@ -27,8 +27,8 @@ pub struct MachineState {
     /// Why clocks are below their highest; empty where nothing holds them down or the driver does not tell.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub throttle: Vec<ThrottleReason>,
-    /// CPU time of other processes, in cores: 1 is one core all the time. Mean over at least 0.25 s. Absent from records of earlier
-    /// versions and of systems other than Linux, as `steal`.
+    /// CPU time of other processes, in cores: 1 is one core all the time. Mean over at least 0.25 s. Absent on systems other than Linux,
+    /// as `steal`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub others_load: Option<f32>,
     /// CPU time that the host of this virtual machine gave to others while the machine had work, in the same unit.
@@ -81,9 +81,6 @@ pub enum ThrottleReason {
     Prochot,
     /// The driver tells that clocks are held down, and not why.
     Unspecified,
-    /// A word of another version of fathom.
-    #[serde(untagged)]
-    Other(String),
 }
 
 impl ThrottleReason {
@@ -149,7 +146,7 @@ mod tests {
         let harmless = [GpuIdle, ApplicationsClocksSetting, SyncBoost, DisplayClockSetting];
         assert!(!state(&harmless).is_throttled());
         assert_eq!(Throttling::from_states(&[state(&harmless), state(&[])]), None);
-        for reason in [SwPowerCap, ThermalLimit, Unspecified, Other("a later word".to_owned())] {
+        for reason in [SwPowerCap, ThermalLimit, Unspecified] {
             assert!(state(&[GpuIdle, reason.clone()]).is_throttled(), "{reason:?}");
         }
     }
@@ -160,19 +157,5 @@ mod tests {
         let states = [state(&[GpuIdle, SwPowerCap]), state(&[GpuIdle]), state(&[ThermalLimit])];
         let found = Throttling::from_states(&states).unwrap();
         assert_eq!(found.to_string(), "2 of 3 samples (sw power cap, thermal limit)");
-    }
-
-    /// Records of earlier versions hold NVML's names in lower case, whatever they are.
-    #[test]
-    fn reasons_of_earlier_records_are_read() {
-        let old = r#"{"clock_mhz":900.0,"throttle":["gpu_idle","hw_power_brake_slowdown","board_limit"]}"#;
-        let read: MachineState = serde_json::from_str(old).unwrap();
-        let expected = [
-            ThrottleReason::GpuIdle,
-            ThrottleReason::HwPowerBrakeSlowdown,
-            ThrottleReason::Other("board_limit".to_owned()),
-        ];
-        assert_eq!(read.throttle, expected);
-        assert_eq!(serde_json::to_string(&read).unwrap(), old);
     }
 }

@@ -1,5 +1,4 @@
-//! The waist of the tool: one line of JSON per record. Measuring writes records and never formats;
-//! reports read records and never measure.
+//! Records: one line of JSON each. Measuring writes records and never formats; reports read records and never measure.
 //!
 //! A file holds one [`Run`] line, a [`Definition`] line per experiment, then [`Cell`] lines in the order in
 //! which they were written, then one [`End`] line. [`Begun`] lines lie between them. A resumed file may hold several runs, and several
@@ -9,11 +8,11 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use strum::Display;
 
-use fathom_base::{statistics, text};
+use fathom_base::text;
 
 pub mod calendar;
 pub mod ceilings;
@@ -33,6 +32,7 @@ mod params;
 pub mod protocol;
 pub mod schema;
 mod shard;
+mod stage;
 #[cfg(test)]
 mod tests;
 pub use ceilings::{Ceiling, CeilingShare, Limit};
@@ -53,6 +53,7 @@ pub use machine::{MachineState, ThrottleReason, Throttling};
 pub use mask::{Feature, Mask};
 pub use params::Params;
 pub use shard::{MAX_SHARDS, Part};
+pub use stage::{Fenced, StageRecord, Work};
 
 /// The clock that each kind of pass is timed by.
 pub type Clocks = BTreeMap<PassKind, Clock>;
@@ -83,20 +84,19 @@ pub struct Run {
     pub schema: u32,
     /// Of the program that measured.
     pub fathom_version: String,
-    /// What that program was built of. Absent from records of earlier versions.
+    /// What that program was built of; absent where it does not know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
     /// RFC 3339, UTC.
     pub started_at: String,
     pub profile: Profile,
-    /// What was asked of each cell: half the width of the frame time's 95 % interval over its median. Absent from records of earlier
-    /// versions.
+    /// What was asked of each cell: half the width of the frame time's 95 % interval over its median. Absent where it was the profile's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
     /// Arguments of the program, its name first.
     pub command: Vec<String>,
     /// Experiments that it was asked for, those that are not built in by their files in the run's folder; empty where it was all built-in
-    /// ones. Absent from records of earlier versions.
+    /// ones. Absent from records of programs of one's own and of the committed runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub experiments: Option<Vec<String>>,
     pub adapter: Adapter,
@@ -112,10 +112,10 @@ pub struct Run {
     /// fenced host durations was measured beside them and is in `fenced` of each stage.
     #[schemars(schema_with = "schema::map::<PassKind, f64>")]
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
-    /// Turns of loops that an invocation makes on this adapter. Absent from records of earlier versions.
+    /// Turns of loops that an invocation makes on this adapter. Absent where that was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loop_turns: Option<LoopTurns>,
-    /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
+    /// The adapter's limits, measured after the audit. Absent where they were not measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "ceilings::read")]
     pub ceilings: Vec<Ceiling>,
     /// The part of a run that this is; absent where it is the whole.
@@ -126,7 +126,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// The precision that was asked; of an earlier record the profile's.
+    /// The precision that was asked; where the record has none, the profile's.
     pub fn asked_precision(&self) -> f64 {
         self.precision.unwrap_or_else(|| self.profile.precision())
     }
@@ -140,10 +140,10 @@ pub struct Build {
     pub commit: Option<String>,
     /// Its files differed from the commit.
     pub dirty: bool,
-    /// Digest of the program's file and of the shaders that it read. Absent from records of earlier versions.
+    /// Digest of the program's file and of the shaders that it read; absent where it does not know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<String>,
-    /// How it was built: `profile`, `opt-level`, `target`, `flags` and `compiler`. Absent from programs of earlier versions.
+    /// How it was built: `profile`, `opt-level`, `target`, `flags` and `compiler`; absent where it does not know.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub with: BTreeMap<String, String>,
 }
@@ -217,7 +217,7 @@ pub struct Adapter {
 }
 
 impl Adapter {
-    /// Its name, with what was taken away from it: nobody is to take its figures for those of the adapter as it is.
+    /// Its name, with what was taken away from it: figures of a masked adapter are not those of the adapter.
     pub fn title(&self) -> String {
         let Self { name, mask, .. } = self;
         if mask.is_none() { name.clone() } else { format!("{name}, masked: {mask}") }
@@ -322,7 +322,7 @@ pub struct Cell {
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
     /// What the scene was made of: the name of each mesh and volume that was read, and `scene_file` for what its file and the bases of that
-    /// say → first 16 digits of the SHA-256, hexadecimal, of the unpacked content. Absent from records of earlier versions.
+    /// say → first 16 digits of the SHA-256, hexadecimal, of the unpacked content. Absent where there is no scene, and from the committed runs.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sources: BTreeMap<String, String>,
     /// Every parameter of the pipeline, resolved.
@@ -456,103 +456,6 @@ impl Measured {
     }
 }
 
-/// A stage's times and work in one cell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct StageRecord {
-    /// The stage's name: `FAMILY/STEM`.
-    #[serde(deserialize_with = "current_name")]
-    pub stage: String,
-    pub clock: Clock,
-    /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
-    pub samples_ns: Vec<f64>,
-    /// Of `samples_ns`, nanoseconds. Its median is a time only where it is above the resolution of `fenced`.
-    pub time: Estimate,
-    /// How the samples came about, where the cost of submissions was taken off. Absent from records of earlier versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fenced: Option<Fenced>,
-    pub work: Work,
-    /// A lower bound of the work, where `work` is none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub least_work: Option<Work>,
-    /// Pipeline statistics, where the adapter counts them.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub counters: BTreeMap<String, u64>,
-    /// How near it comes to the adapter's limits.
-    #[serde(
-        default,
-        skip_serializing_if = "Option::is_none",
-        deserialize_with = "ceilings::read_share"
-    )]
-    pub ceiling: Option<CeilingShare>,
-}
-
-/// Reads a stage's name; earlier versions called `uniforms` `frame`.
-fn current_name<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
-    let name = String::deserialize(from)?;
-    Ok(if name == "frame" { "uniforms".to_owned() } else { name })
-}
-
-impl StageRecord {
-    /// A stage with these samples, of which nothing else is known.
-    pub fn new(stage: impl Into<String>, clock: Clock, samples_ns: Vec<f64>) -> Self {
-        Self {
-            stage: stage.into(),
-            clock,
-            time: statistics::estimate(&samples_ns),
-            samples_ns,
-            fenced: None,
-            work: Work::default(),
-            least_work: None,
-            counters: BTreeMap::new(),
-            ceiling: None,
-        }
-    }
-
-    /// Whether the time is longer than what the clock can tell from none. Where it is not, `time` is an upper bound.
-    pub fn is_resolved(&self) -> bool {
-        self.fenced.as_ref().is_none_or(|fenced| self.time.median > fenced.resolution_ns)
-    }
-
-    /// What was read less the cost of submissions, frame by frame: scatters about the stage's time, and below zero where that
-    /// is short.
-    pub fn differences_ns(&self) -> Vec<f64> {
-        match &self.fenced {
-            Some(fenced) => fenced.differences_ns().collect(),
-            None => self.samples_ns.clone(),
-        }
-    }
-
-    /// The duration below which times cannot be told from none; 0 where no cost was taken off.
-    pub fn resolution_ns(&self) -> f64 {
-        self.fenced.as_ref().map_or(0.0, |fenced| fenced.resolution_ns)
-    }
-}
-
-/// Times of a stage's fenced submissions as they were read, and the cost of these submissions, which the least pass of the
-/// same kind has in the same frames.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Fenced {
-    /// Nanoseconds from submission to fence, summed over the stage's submissions, frame by frame. Its passes on other clocks are in it.
-    pub wall_samples_ns: Vec<f64>,
-    /// The cost that was taken off in each frame, nanoseconds.
-    pub submit_cost_samples_ns: Vec<f64>,
-    /// A shorter time cannot be told from none, as the cost scatters: the median over the frames, nanoseconds.
-    pub resolution_ns: f64,
-}
-
-impl Fenced {
-    fn differences_ns(&self) -> impl Iterator<Item = f64> {
-        let pairs = self.wall_samples_ns.iter().zip(&self.submit_cost_samples_ns);
-        pairs.map(|(wall_ns, cost_ns)| wall_ns - cost_ns)
-    }
-
-    /// The stage's times, where no longer than the resolution the resolution itself.
-    pub fn samples_ns(&self) -> Vec<f64> {
-        let at_least = |ns: f64| ns.max(self.resolution_ns);
-        self.differences_ns().map(at_least).collect()
-    }
-}
-
 /// Whole frames: with per-stage timing (envelope, gaps) and without (wall time of one submission).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameRecord {
@@ -576,47 +479,6 @@ pub struct FrameRecord {
     pub untimed: Estimate,
     /// Timed over untimed frame's wall time, a ratio, measured in alternation: the cost of timing.
     pub timing_cost: Estimate,
-}
-
-macro_rules! work {
-    ($($(#[$about:meta])* $count:ident,)*) => {
-        /// Work that a stage declares from its algorithm. Zero fields are left out of the record.
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-        #[serde(default)]
-        pub struct Work {
-            $($(#[$about])* #[serde(skip_serializing_if = "is_zero")] pub $count: u64,)*
-        }
-
-        impl Work {
-            pub const NAMES: &[&str] = &[$(stringify!($count),)*];
-
-            /// Every field by its name, in the order of [`Self::NAMES`].
-            pub fn fields(&self) -> [(&'static str, u64); Self::NAMES.len()] {
-                [$((stringify!($count), self.$count),)*]
-            }
-        }
-    };
-}
-
-work! {
-    /// Photons traced or drawn.
-    photons,
-    /// Triangles handed to the stage.
-    triangles,
-    /// Points, lines, quads or other primitives that it makes itself.
-    primitives,
-    /// Fragments written or blended; an estimate where it depends on the data.
-    fragments,
-    /// Texels read.
-    texel_fetches,
-    /// Bytes read from buffers.
-    bytes_read,
-    /// Bytes written to buffers and targets.
-    bytes_written,
-}
-
-fn is_zero<N: Default + PartialEq>(count: &N) -> bool {
-    *count == N::default()
 }
 
 /// How a run ended.

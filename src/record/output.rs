@@ -13,7 +13,7 @@ use crate::{
 use fathom_base::folder::{self, Dir};
 use fathom_base::text;
 
-/// Where a run goes that is not told where: in a checkout of fathom, and elsewhere.
+/// Default folders of runs: in a checkout of fathom, and elsewhere.
 const IN_CHECKOUT: &str = "reports/out";
 const ELSEWHERE: &str = "fathom-runs";
 /// Name of the records' file in the folder of a run or a comparison.

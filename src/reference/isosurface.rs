@@ -30,12 +30,12 @@ impl FieldSurface<'_> {
     }
 
     /// Distance at which a ray first comes to the value; 0 where it begins within.
-    pub fn entry(&self, origin: DVec3, direction: DVec3, most_m: f64) -> Option<f64> {
+    pub fn entry(&self, origin: DVec3, direction: DVec3, max_m: f64) -> Option<f64> {
         let step_m = self.edge_m() / STEPS_PER_CELL;
         let at = |d: f64| origin + direction * d;
-        let steps = (most_m / step_m).ceil() as u32;
-        let k = (0..=steps).find(|&k| self.inside(at((f64::from(k) * step_m).min(most_m))))?;
-        let high = (f64::from(k) * step_m).min(most_m);
+        let steps = (max_m / step_m).ceil() as u32;
+        let k = (0..=steps).find(|&k| self.inside(at((f64::from(k) * step_m).min(max_m))))?;
+        let high = (f64::from(k) * step_m).min(max_m);
         let low = (high - step_m).max(0.0);
         Some(bisected([low, high], HALVINGS, |d| self.inside(at(d)))[1])
     }

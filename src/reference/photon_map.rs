@@ -258,9 +258,9 @@ mod tests {
             let off = pixels(SIZE).map(|(x, y)| {
                 let (origin, direction, _) = rays.ray(x, y);
                 let point = origin + direction * ((-DEPTH_M - origin.y) / direction.y);
-                let way = light - point;
-                let cosine = (way.y / way.length()).powi(power);
-                let exact = setup.light.intensity_w_sr * cosine / way.length_squared();
+                let to_light = light - point;
+                let cosine = (to_light.y / to_light.length()).powi(power);
+                let exact = setup.light.intensity_w_sr * cosine / to_light.length_squared();
                 (irradiance.clamped(x.into(), y.into()) / exact - 1.0).abs()
             });
             off.fold(0.0, f64::max)

@@ -54,7 +54,7 @@ impl PictureLight {
     }
 
     /// How far the light is from a place.
-    pub fn way_m(&self, place: DVec3) -> f64 {
+    pub fn distance_m(&self, place: DVec3) -> f64 {
         self.lamp_m.map_or(f64::INFINITY, |lamp| lamp.distance(place))
     }
 

@@ -58,8 +58,8 @@ impl Surfaces<'_> {
     /// What a ray meets first.
     pub fn meet(&self, ray: &Ray) -> Option<Hit> {
         let rise = ray.direction.y;
-        let most_m = if rise > 0.0 { (self.top_m - ray.origin.y) / rise } else { f64::MAX };
-        self.tracer.cast(ray.origin, ray.direction, SELF_HIT * self.tracer.size_m, most_m)
+        let max_m = if rise > 0.0 { (self.top_m - ray.origin.y) / rise } else { f64::MAX };
+        self.tracer.cast(ray.origin, ray.direction, SELF_HIT * self.tracer.size_m, max_m)
     }
 
     /// The ray behind a hit on a mirror or on glass; none on other surfaces. Totally reflected light stays before the surface.

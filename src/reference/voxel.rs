@@ -122,7 +122,7 @@ pub fn sampled(triangles: &[Corners], grid: &Grid, axes: &[usize], subpixels: u3
     for corners in triangles {
         let corners = corners.map(|corner| grid.to_cells(corner));
         for &axis in axes {
-            sample(&corners, (axis, subpixels), grid, &mut covers);
+            sample(&corners, axis, subpixels, grid, &mut covers);
         }
     }
     covers
@@ -139,7 +139,7 @@ pub fn disagreements(found: &[bool], sampled: &[Cover]) -> u64 {
 }
 
 /// One triangle's samples along one axis.
-fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found: &mut [Cover]) {
+fn sample(corners: &Corners, axis: usize, subpixels: u32, grid: &Grid, found: &mut [Cover]) {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
     // Rounding moves corners, and edges with them, by half a step at most in each of two directions.
@@ -178,10 +178,10 @@ fn flat(corners: &Corners, axis: usize, grid: &Grid) -> impl Iterator<Item = [u3
 
 /// How far inside a triangle a point lies: its distance from the nearest edge's line, negative outside; NaN without area.
 fn edge_distance([a, b, c]: [DVec2; 3], point: DVec2) -> f64 {
-    let turn = (b - a).perp_dot(c - a).signum();
+    let sign = (b - a).perp_dot(c - a).signum();
     let distance = |a: DVec2, b: DVec2| {
         let along = b - a;
-        turn * along.perp_dot(point - a) / along.x.hypot(along.y)
+        sign * along.perp_dot(point - a) / along.x.hypot(along.y)
     };
     distance(a, b).min(distance(b, c)).min(distance(c, a))
 }

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use itertools::Itertools;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
 use crate::format;
@@ -78,8 +79,8 @@ impl Scale {
     /// where no value is finite.
     pub fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;
-        let least = MIN_SPREAD * low.abs().max(high.abs());
-        let missing = (least - (high - low)).max(0.0) / 2.0;
+        let min_span = MIN_SPREAD * low.abs().max(high.abs());
+        let missing = (min_span - (high - low)).max(0.0) / 2.0;
         Some(Scale::linear(low - missing, high + missing))
     }
 
@@ -167,10 +168,7 @@ impl Scale {
 
 /// The least and the largest value.
 fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
-    values.fold(None, |ends, value| {
-        let [low, high] = ends.unwrap_or([value; 2]);
-        Some([low.min(value), high.max(value)])
-    })
+    values.minmax().into_option().map(<[f64; 2]>::from)
 }
 
 /// The least of 1, 2, 5 × 10ⁿ that is not below the value.

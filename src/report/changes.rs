@@ -1,9 +1,7 @@
-//! What changed from one run to another: what `fathom compare` of two files of records prints. Exact figures are those of the exact
-//! gate. Times stand beside each other and are not judged: two runs share no pairs, so whatever the machine did between them is in
-//! every ratio.
+//! What changed from one run to another: what `fathom compare OLD NEW` prints. Exact figures are judged by the exact gate. Times are
+//! shown with their ratios and are not judged: two runs share no pairs, so the ratios contain whatever else the machine did in either.
 
 use std::iter;
-use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
 use itertools::{Itertools, chain};
@@ -11,21 +9,21 @@ use itertools::{Itertools, chain};
 use crate::comparison::rows;
 use crate::document::{self, Block, Table};
 use crate::format::{count_noun, ms, stage_ms, three};
+use crate::page::claims::{RuledClaim, ruled_claims};
 use crate::{Report, facts, noise, run_conditions, shown_file};
-use fathom_experiments::Ruling;
-use fathom_experiments::schema::Claim;
-use fathom_judge::adapters::AdapterRelation;
-use fathom_judge::changes::cells::{CellMatches, CellRemark, MAX_NAMED};
-use fathom_judge::changes::claims::{self, ClaimChange};
+use fathom_experiments::{RuledFigure, Ruling, Verdict};
 use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
 use fathom_judge::files::{RunFile, SameCells};
+use fathom_judge::matched_cells::{MatchedCells, redefinition};
 use fathom_judge::run::Noise;
 use fathom_judge::verdict::{Status, Verdicts};
 use fathom_record::comparison::{CellId, Gate, Side};
-use fathom_record::{Adapter, Cell, Measured, Run};
+use fathom_record::{Adapter, Cell, Measured, OVER_BUDGET, Outcome, Run};
 
 /// Rows of a block; the rest is counted.
 const MAX_ROWS: usize = 8;
+/// Cells that a row names.
+const MAX_NAMED: usize = 3;
 
 /// What there is to say, the most important first.
 pub struct RunChanges {
@@ -33,7 +31,7 @@ pub struct RunChanges {
     pub status: Status,
     /// What was judged, and what cannot be.
     pub headline: String,
-    /// Why the runs are hard to compare, then what changed.
+    /// What makes the runs hard to compare, then what changed.
     pub blocks: Vec<Block>,
 }
 
@@ -55,13 +53,10 @@ fn block<const N: usize>(
 
 impl RunChanges {
     pub fn from_files([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
-        let SameCells { comparison, untimed } = SameCells::compare([base, head], gates)?;
+        let SameCells { comparison, cells, untimed } = SameCells::compare([base, head], gates)?;
         let verdicts = &Verdicts::judge(&comparison);
         let views = [base, head].map(|file| Report::new(&file.reading.records, None));
-        let views = [&views[0], &views[1]];
-        let paths = [&base.path, &head.path].map(PathBuf::as_path);
-        let cells = CellMatches::match_runs(views.map(cells));
-        let timed = cells.both.iter().filter(|cells| cells.iter().all(|cell| is_timed(cell)));
+        let timed = cells.pairs.iter().filter(|pair| pair.iter().all(|cell| is_timed(cell)));
         let not_judged = match &untimed {
             None => format!(
                 "times of {} not judged: two runs share no pairs",
@@ -74,15 +69,20 @@ impl RunChanges {
             untimed.is_none() && frames.iter().any(|frame| std::ptr::eq(frame.cell, cells[1]))
         };
         let times = timed.clone().filter(is_shown).flat_map(time_rows).collect();
-        let doubts = [comparison.header.notes.clone(), caveats(views)].concat();
+        let status = verdicts.status;
+        let doubts = comparison.header.notes.iter().cloned().chain(noisy_runs(&views));
         Ok(Self {
-            status: verdicts.status,
-            headline: format!("{}; {not_judged}", exact_headline(verdicts)),
+            status,
+            headline: format!(
+                "{status} (status {}): {}; {not_judged}",
+                status as u8,
+                exact_headline(verdicts)
+            ),
             blocks: [
                 vec![Block::list(doubts)],
-                claims_block(views),
+                machine_block(&views, [base, head].map(|file| shown_file(&file.path))),
+                claims_block(&views),
                 exact_block(verdicts),
-                machine_block(views, paths),
                 cells_block(&cells),
                 times_block(times),
             ]
@@ -96,10 +96,6 @@ impl RunChanges {
     pub fn into_text(self) -> String {
         document::terminal(&chain![[Block::paragraph(self.headline)], self.blocks].collect_vec())
     }
-}
-
-fn cells<'a>(view: &Report<'a>) -> Vec<&'a Cell> {
-    view.entries().map(|entry| entry.cell).collect()
 }
 
 fn cell_name(cell: &Cell) -> String {
@@ -137,53 +133,49 @@ fn exact_headline(verdicts: &Verdicts<'_>) -> String {
     format!("exact figures of {}: {told}", count_noun(all, "cell"))
 }
 
-/// Why what is told below may not be a change of the program.
-fn caveats([base, head]: [&Report<'_>; 2]) -> Vec<String> {
-    let mut doubts = Vec::new();
-    if let (Some(b), Some(h)) = (base.run(), head.run()) {
-        let adapter = |adapter: &Adapter| format!("{}, {}", adapter.title(), adapter.driver_info);
-        let adapters = format!("{} → {}", adapter(&b.adapter), adapter(&h.adapter));
-        match AdapterRelation::between(&b.adapter, &h.adapter) {
-            AdapterRelation::Same => {}
-            AdapterRelation::OtherVersion => {
-                doubts.push(format!("two versions of the driver: {adapters}"))
-            }
-            AdapterRelation::Different => doubts.push(format!("two adapters: {adapters}")),
-        }
-        let hosts = [&b.conditions.host, &h.conditions.host];
-        if let [Some(one), Some(other)] = hosts
-            && one != other
-        {
-            doubts.push("two machines: their host ids differ".to_owned());
-        }
-        if b.profile != h.profile {
-            let profiles = format!("two profiles, {} and {}", b.profile, h.profile);
-            doubts.push(format!("{profiles}: most cells differ in size and are not compared"));
-        }
-    }
-    for (view, side) in [base, head].into_iter().zip(Side::BOTH) {
-        let verdict = view.verdict.as_ref().filter(|verdict| verdict.noise != Noise::Quiet);
-        doubts.extend(verdict.map(|verdict| format!("{side}: {}", noise::headline(verdict))));
-    }
-    doubts
+/// The runs whose machine was not quiet.
+fn noisy_runs(views: &[Report<'_>; 2]) -> impl Iterator<Item = String> {
+    Side::BOTH.into_iter().zip(views).filter_map(|(side, view)| {
+        let verdict = view.verdict.as_ref().filter(|verdict| verdict.noise != Noise::Quiet)?;
+        Some(format!("{side}: {}", noise::headline(verdict)))
+    })
 }
 
-fn rulings<'a>(view: &'a Report<'a>) -> impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)> {
-    view.sections
-        .iter()
-        .flat_map(|section| section.claims().map(|(claim, ruling)| (section.id, claim, ruling)))
-}
-
-fn claims_block(views: [&Report<'_>; 2]) -> Vec<Block> {
-    let (count, changed) = claims::changed(views.map(rulings));
-    let row = |claim: &ClaimChange<'_>| {
-        let [from, to] = [claim.rulings[0].verdict.to_string(), claim.rulings[1].marked()];
-        let text = claim.rulings[1].text.clone();
-        [format!("{from} → {to}"), claim.experiment.to_owned(), text, claim.figures()]
-    };
-    let lead = format!("{} of {} changed verdict", changed.len(), count_noun(count, "claim"));
+/// Claims of both runs whose verdicts differ. First those that are settled in both runs, then those that no longer are, then those that
+/// now are.
+fn claims_block(views: &[Report<'_>; 2]) -> Vec<Block> {
+    let all = ruled_claims(views.iter()).into_iter().filter(|claim| claim.rulings.len() == 2);
+    let all = all.collect_vec();
+    let changed = all.iter().filter(|claim| !claim.verdicts().all_equal());
+    let changed = changed.sorted_by_key(|claim| {
+        let settled = claim.verdicts().map(Verdict::is_settled).collect_vec();
+        [[true, true], [true, false], [false, true]]
+            .iter()
+            .position(|known| *known == *settled)
+            .unwrap_or(3)
+    });
+    let lead = format!("{} of {} changed verdict", changed.len(), count_noun(all.len(), "claim"));
     let heads = ["Verdict", "Experiment", "Claim", "Figure that decided"];
-    block("Claims", vec![lead], heads, changed.iter().map(row))
+    block("Claims", vec![lead], heads, changed.map(claim_row))
+}
+
+fn claim_row(claim: &RuledClaim<'_>) -> [String; 4] {
+    let [base, head] = &claim.rulings[..] else { unreachable!("a claim of two runs") };
+    // The figure that decided; the reason where there is none.
+    let figure = |ruling: &Ruling| match ruling.deciding.first() {
+        Some(figure) => RuledFigure::text(figure),
+        None => ruling.reason.clone(),
+    };
+    let asked = head.ruling.deciding.first().or(base.ruling.deciding.first());
+    let asked = asked.map_or_else(String::new, |f| format!("; {} is asked", f.limits()));
+    let redefined = if base.claim == head.claim { "" } else { "; its definition changed" };
+    let [from, to] = [figure(base.ruling), figure(head.ruling)];
+    [
+        format!("{} → {}", base.ruling.verdict, head.ruling.marked()),
+        claim.section.id.to_owned(),
+        head.ruling.text.clone(),
+        format!("{from} → {to}{asked}{redefined}"),
+    ]
 }
 
 fn is_timed(cell: &Cell) -> bool {
@@ -227,15 +219,15 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Vec<Block> {
     groups.sort_by(|a, _, b, _| (a.0, a.1).cmp(&(b.0, b.1)));
     let row = |((better, ..), group): (&(bool, bool, &str), &Vec<&Difference>)| {
         let share = |d: &&&Difference| ((d.head - d.base) / d.base).abs();
-        let most =
+        let largest =
             group.iter().max_by(|a, b| share(a).total_cmp(&share(b))).expect("a group holds one");
         let cells = group.iter().map(|difference| configuration(difference)).unique().count();
         let word = if *better { "not worse" } else { "worse" };
-        let place = match &most.scope {
+        let place = match &largest.scope {
             DifferenceScope::Cell(cell) => cell.to_string(),
-            _ => configuration(most).to_owned(),
+            _ => configuration(largest).to_owned(),
         };
-        [word.to_owned(), count_noun(cells, "cell"), rows::format_change(most), place]
+        [word.to_owned(), count_noun(cells, "cell"), rows::format_change(largest), place]
     };
     let rows = groups.iter().map(row).collect_vec();
     let mut lead = vec![match rows.len() {
@@ -251,7 +243,8 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Vec<Block> {
 }
 
 /// What of machine, program and conditions differs.
-fn machine_block(views: [&Report<'_>; 2], paths: [&Path; 2]) -> Vec<Block> {
+fn machine_block(views: &[Report<'_>; 2], paths: [String; 2]) -> Vec<Block> {
+    let views = views.each_ref();
     let [base, head] = views.map(|view| view.run().map(identity).unwrap_or_default());
     let differing = base.iter().zip(&head).filter(|(base, head)| base != head);
     let row = |((name, base), (_, head)): (&RunFact, &RunFact)| {
@@ -262,7 +255,7 @@ fn machine_block(views: [&Report<'_>; 2], paths: [&Path; 2]) -> Vec<Block> {
     let rows = differing.map(row).collect_vec();
     let started = |view: &Report<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
     let [from, to] = views.map(started);
-    let [base_path, head_path] = paths.map(shown_file);
+    let [base_path, head_path] = paths;
     let mut lead = vec![format!("{base_path}, started {from} → {head_path}, started {to}")];
     if rows.is_empty() {
         let mut values = base.iter().filter_map(|(_, value)| value.as_deref());
@@ -290,26 +283,37 @@ fn identity(run: &Run) -> Vec<RunFact> {
     ]
 }
 
-fn cells_block(cells: &CellMatches<'_>) -> Vec<Block> {
-    let kinds: [(&str, &[CellRemark<'_>]); 5] = [
-        ("no longer measured", &cells.lost),
-        ("missing", &cells.missing),
-        ("measured in another way", &cells.redefined),
-        ("new", &cells.new),
-        ("measured only now", &cells.gained),
-    ];
-    let row = |(kind, told): (&str, &[CellRemark<'_>])| {
-        let named = told.iter().take(MAX_NAMED).map(|(cell, why)| match why.as_str() {
-            "" => cell_name(cell),
-            why => format!("{} ({why})", cell_name(cell)),
-        });
-        let more = (told.len() > MAX_NAMED).then(|| "…".to_owned());
-        [kind.to_owned(), count_noun(told.len(), "cell"), named.chain(more).join("; ")]
+fn cells_block(cells: &MatchedCells<'_>) -> Vec<Block> {
+    let reason = |cell: &Cell| match &cell.outcome {
+        Outcome::Skipped { reason } | Outcome::Failed { reason } => reason.clone(),
+        Outcome::OverBudget => OVER_BUDGET.to_owned(),
+        Outcome::Measured(_) => String::new(),
     };
-    let kinds = kinds.into_iter().filter(|(_, told)| !told.is_empty());
-    let lead =
-        format!("{} measured in both runs in the same way", count_noun(cells.both.len(), "cell"));
-    block("Cells", vec![lead], ["What became of them", "How many", "Which"], kinds.map(row))
+    let name_with = |cell, why: String| format!("{} ({why})", cell_name(cell));
+    let pairs = |measured: [bool; 2]| {
+        let is_so =
+            move |pair: &&[&Cell; 2]| pair.map(|cell| cell.measured().is_some()) == measured;
+        cells.pairs.iter().filter(is_so)
+    };
+    let names = |cells: &[&Cell]| cells.iter().map(|cell| cell_name(cell)).collect_vec();
+    let [lost, gained] = [pairs([true, false]), pairs([false, true])];
+    let redefined = cells.redefined.iter();
+    let kinds = [
+        ("no longer measured", lost.map(|[_, head]| name_with(head, reason(head))).collect()),
+        ("missing", names(&cells.missing)),
+        ("measured in another way", redefined.map(|p| name_with(p[1], redefinition(*p))).collect()),
+        ("new", names(&cells.new)),
+        ("measured only now", gained.map(|[base, head]| name_with(head, reason(base))).collect()),
+    ];
+    let row = |(kind, all): (&str, Vec<String>)| {
+        let more = if all.len() > MAX_NAMED { "; …" } else { "" };
+        let named = all.iter().take(MAX_NAMED).join("; ");
+        [kind.to_owned(), count_noun(all.len(), "cell"), named + more]
+    };
+    let both = count_noun(pairs([true; 2]).count(), "cell");
+    let lead = format!("{both} measured in both runs in the same way");
+    let rows = kinds.into_iter().filter(|(_, all)| !all.is_empty()).map(row);
+    block("Cells", vec![lead], ["What became of them", "How many", "Which"], rows)
 }
 
 #[cfg(test)]

@@ -6,6 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
 
+use fathom_base::text::family;
+
 /// Degrees between the hues of families that follow each other in the alphabet: the golden angle, so that any number of
 /// families is spread evenly and neighbours are far apart.
 const HUE_STEP_DEG: f64 = 137.508;
@@ -81,14 +83,9 @@ impl StageColors {
     }
 }
 
-/// `caustics` of `caustics/trace`.
-fn family(stage: &str) -> &str {
-    stage.split_once('/').map_or(stage, |(family, _)| family)
-}
-
 fn color(hue_deg: f64, index: usize) -> Color {
-    let turns = (index / LIGHTNESS.len()) as f64;
-    let hue = hue_deg + SHIFT_DEG * turns;
+    let cycles = (index / LIGHTNESS.len()) as f64;
+    let hue = hue_deg + SHIFT_DEG * cycles;
     of_oklch(LIGHTNESS[index % LIGHTNESS.len()], CHROMA, hue)
 }
 

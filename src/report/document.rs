@@ -7,7 +7,7 @@ use maud::{Markup, PreEscaped, html};
 use fathom_base::text;
 use fathom_experiments::Verdict;
 
-/// How a reader takes a word: by a colour and a mark beside it.
+/// Judgement that a word carries: a colour and a mark beside it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     Bad,
@@ -115,11 +115,6 @@ impl Line {
         self.markdown_with(text::code)
     }
 
-    /// In a table a bar divides fields, also within code.
-    fn markdown_field(&self) -> String {
-        self.markdown_with(|code| text::code(code).replace('|', "\\|"))
-    }
-
     fn markdown_with(&self, code: impl Fn(&str) -> String) -> String {
         let spans = self.0.iter().map(|span| match span {
             Span::Words(words) | Span::Faint(words) | Span::Chip(_, words) => text::markdown(words),
@@ -185,19 +180,19 @@ pub enum Block {
 
 impl Block {
     /// The same with at most so many rows or items and without what is folded, and words on where the rest is.
-    pub fn truncate(self, most: usize, place: &Line) -> Vec<Block> {
+    pub fn truncate(self, max_count: usize, place: &Line) -> Vec<Block> {
         let more_on =
             |more: usize| Line::from(format!("… and {more} more on the ")).and(place.clone());
         match self {
             Block::Table(mut table) => {
-                let more = table.rows.len().saturating_sub(most);
-                table.rows.truncate(most);
+                let more = table.rows.len().saturating_sub(max_count);
+                table.rows.truncate(max_count);
                 let words = (more > 0).then(|| Block::Paragraph(more_on(more)));
                 std::iter::once(Block::Table(table)).chain(words).collect()
             }
             Block::List(mut lines) => {
-                let more = lines.len().saturating_sub(most);
-                lines.truncate(most);
+                let more = lines.len().saturating_sub(max_count);
+                lines.truncate(max_count);
                 lines.extend((more > 0).then(|| more_on(more)));
                 vec![Block::List(lines)]
             }
@@ -291,7 +286,7 @@ impl Table {
     }
 
     /// The head and every row, without what only a page shows.
-    fn texts(&self, write: fn(&Line) -> String) -> Vec<Vec<String>> {
+    fn texts(&self, write: impl Fn(&Line) -> String) -> Vec<Vec<String>> {
         let shown = |(_, kind): &&(String, ColumnKind)| *kind != ColumnKind::Drawings;
         let head = self.columns.iter().filter(shown);
         let head = head.map(|(title, _)| write(&title.as_str().into())).collect();
@@ -304,7 +299,9 @@ impl Table {
 
     /// With an empty line after it.
     pub fn markdown(&self) -> String {
-        let mut lines = self.texts(Line::markdown_field).into_iter();
+        // A bar divides fields, also within code.
+        let code = |words: &str| text::code(words).replace('|', "\\|");
+        let mut lines = self.texts(|line| line.markdown_with(code)).into_iter();
         let row = |fields: Vec<String>| format!("| {} |\n", fields.join(" | "));
         let head = lines.next().unwrap_or_default();
         let rule = format!("{}|\n", "|---".repeat(head.len()));

@@ -57,11 +57,15 @@ pub struct StageShare<'a> {
 impl<'a> Representative<'a> {
     /// Every stage in frame order.
     pub fn stages(&self) -> Vec<StageShare<'a>> {
-        let share = |(stage, shares): (&'a StageRecord, Vec<f64>)| StageShare {
-            stage,
-            share: statistics::estimate(&shares),
+        let stages = &self.measured.stages;
+        let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
+        let sum = |frame: usize| stages.iter().map(|stage| stage.samples_ns[frame]).sum::<f64>();
+        let sums = (0..frames).map(sum).collect_vec();
+        let share = |stage: &'a StageRecord| {
+            let shares = stage.samples_ns.iter().zip(&sums).map(|(ns, sum)| ns / sum).collect_vec();
+            StageShare { stage, share: statistics::estimate(&shares) }
         };
-        stage_shares(self.measured).into_iter().map(share).collect()
+        stages.iter().map(share).collect()
     }
 
     /// The stage with the largest share.
@@ -78,18 +82,6 @@ impl<'a> Representative<'a> {
             _ => self.cell.scene.clone(),
         }
     }
-}
-
-/// Every stage in frame order, with its share of the sum of all stages frame by frame.
-pub fn stage_shares(measured: &Measured) -> Vec<(&StageRecord, Vec<f64>)> {
-    let stages = &measured.stages;
-    let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
-    let sums = (0..frames).map(|f| stages.iter().map(|stage| stage.samples_ns[f]).sum::<f64>());
-    let sums = sums.collect_vec();
-    let of = |stage: &StageRecord| {
-        stage.samples_ns.iter().zip(&sums).map(|(ns, sum)| ns / sum).collect()
-    };
-    stages.iter().map(|stage| (stage, of(stage))).collect()
 }
 
 /// A frame for each pipeline, in the order in which the plan first has them.
@@ -249,13 +241,10 @@ pub fn mixed(view: &Report<'_>) -> Vec<String> {
         (count > 1).then(|| format!("{count} {kind}{}", names.unwrap_or_default()))
     });
     let several = several.collect::<Vec<_>>().join(", ");
-    let unknown = view.measured().filter(|(cell, _)| cell.sources.is_empty()).count();
-    let is_known = view.measured().any(|(cell, _)| !cell.sources.is_empty());
     let outdated = view.outdated;
     [
         (!several.is_empty(), format!("The cells are of {several}. Times may differ for this alone.")),
         (outdated > 0, format!("{outdated} cells are left out: their scene, mesh or volume was another than that of the latest.")),
-        (unknown > 0 && is_known, format!("Of {unknown} cells it is not recorded what scene, mesh and volume held.")),
     ]
     .into_iter()
     .filter_map(|(is_so, words)| is_so.then_some(words))
@@ -271,23 +260,6 @@ pub struct Exponent<'v, 'a> {
     /// Values of the other axes; empty where there are none.
     pub group: String,
     pub fit: Scaling,
-}
-
-impl Exponent<'_, '_> {
-    /// `0.98 (0.95 – 1.01)`
-    pub fn text(&self) -> String {
-        exponent(&self.fit)
-    }
-
-    /// What x is called on the plot.
-    pub fn x_title(&self) -> String {
-        self.plot.x_title.clone().unwrap_or_else(|| self.x.label().words)
-    }
-
-    /// What grows: a stage's name, or the measure in words.
-    pub fn y_title(&self) -> String {
-        names::measure(self.y)
-    }
 }
 
 /// The exponent that claims rest on, with its interval: `0.98 (0.95 – 1.01)`; of cells that were measured apart it says so.
@@ -395,19 +367,18 @@ mod tests {
         }
     }
 
-    /// A sweep over a mesh that became another one after some sizes, and over one of which some records tell nothing.
+    /// A sweep over a mesh that became another one after some sizes.
     #[test]
-    fn cells_of_two_meshes_stand_in_no_figure_together_and_unknown_ones_are_told() {
+    fn cells_of_two_meshes_stand_in_no_figure_together() {
         for (first, outdated, words) in [
-            (Some("a"), 2, "2 cells are left out: their scene, mesh or volume was another"),
-            (Some("b"), 0, ""),
-            (None, 0, "Of 2 cells it is not recorded what scene, mesh and volume held"),
+            ("a", 2, "2 cells are left out: their scene, mesh or volume was another"),
+            ("b", 0, ""),
         ] {
             let mut records = fixtures::run();
             let cells = fixtures::cells(&mut records).filter(|cell| cell.measured().is_some());
             for (number, cell) in cells.enumerate() {
-                let digest = if number < 2 { first } else { Some("b") };
-                cell.sources.extend(digest.map(|of| ("own.glb".to_owned(), of.to_owned())));
+                let digest = if number < 2 { first } else { "b" };
+                cell.sources.insert("own.glb".to_owned(), digest.to_owned());
             }
             let view = Report::new(&records, None);
             assert_eq!((view.outdated, mixed(&view).concat().contains(words)), (outdated, true));

@@ -70,7 +70,7 @@ impl<'v> Sizes<'v> {
         let mut own = self
             .columns()
             .filter_map(|(_, of_cell)| Some(shares(of_cell, find_stage(of_cell, stage)?)));
-        own.all(|(_, most)| statistics::median(&most) < SMALL_SHARE)
+        own.all(|(_, max)| statistics::median(&max) < SMALL_SHARE)
     }
 
     /// Stages by sizes, each with its interval, and below a stage the errors of its result.
@@ -147,8 +147,8 @@ impl<'v> Sizes<'v> {
 
     fn stage_growth(&self, stage: &str) -> [Line; 4] {
         let points = self.columns().filter_map(|(cell, measured)| {
-            let (least, most) = shares(measured, find_stage(measured, stage)?);
-            Some(ShareAt { size: self.size(cell, measured)?, least, most })
+            let (min, max) = shares(measured, find_stage(measured, stage)?);
+            Some(ShareAt { size: self.size(cell, measured)?, min, max })
         });
         let points = points.sorted_by(|a, b| a.size.total_cmp(&b.size)).collect_vec();
         let knee = crossing(&points, self.share);
@@ -156,7 +156,7 @@ impl<'v> Sizes<'v> {
             Knee::Seen(seen) if seen.before > seen.after => format!("up to {}", place(seen)),
             Knee::Seen(seen) => format!("from {}", place(seen)),
             Knee::NotSeen => {
-                let first = points.first().map_or(0.0, |point| statistics::median(&point.least));
+                let first = points.first().map_or(0.0, |point| statistics::median(&point.min));
                 let side = if first > self.share { "more" } else { "less" };
                 format!("not seen in this range: {side} at every size")
             }
@@ -175,10 +175,10 @@ impl<'v> Sizes<'v> {
         let points = points.sorted_by(|a, b| a.0.total_cmp(&b.0)).collect_vec();
         let (sizes, below) = (self.columns().count(), self.columns().count() - points.len());
         let x = format!("axis:{}", self.axis).parse::<Measure>();
-        let least = points.iter().map(|(_, y)| y.median()).fold(f64::INFINITY, f64::min);
+        let min_time = points.iter().map(|(_, y)| y.median()).fold(f64::INFINITY, f64::min);
         // Over all sizes: claims leave those out of which the fixed part is much.
         let fitted = match x.and_then(|x| scaling(y, &x, &self.cells, f64::INFINITY)) {
-            Ok(fit) if fit.fixed > FIXED_SHARE * least => {
+            Ok(fit) if fit.fixed > FIXED_SHARE * min_time => {
                 let fixed_ms = three(fit.fixed / format::NS_PER_MS);
                 format!("{}, {fixed_ms} ms of it fixed", exponent(&fit))
             }
@@ -219,8 +219,8 @@ fn shares(measured: &Measured, stage: &StageRecord) -> (Vec<f64>, Vec<f64>) {
         };
         let own = stage.samples_ns[frame];
         let is_bound = !stage.is_resolved();
-        let most = own / (sum(false) + if is_bound { own } else { 0.0 });
-        (if is_bound { 0.0 } else { own / sum(true) }, most)
+        let max = own / (sum(false) + if is_bound { own } else { 0.0 });
+        (if is_bound { 0.0 } else { own / sum(true) }, max)
     };
     (0..frames).map(share).unzip()
 }

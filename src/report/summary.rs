@@ -44,31 +44,31 @@ fn export(view: &Report<'_>) -> String {
     parts.push(Block::Paragraph(Line::from("Every cell, picture and plot: ").and(files)));
     parts.extend(Block::list(notes(view)).truncate(MAX_NOTES, &place));
     let page = Page::new(vec![PageRun { label: String::new(), view }]);
-    for (title, of_section, most) in [
+    for (title, of_section, max_rows) in [
         ("Claims", page::claims::parts(&page), &MAX_CLAIMS[..]),
         ("Where the time goes", page::time::parts(&page), &[MAX_STAGES]),
         ("How it scales", page::scaling::parts(&page), &[MAX_EXPONENTS]),
     ] {
         parts.extend((!of_section.is_empty()).then(|| Block::Title(title.into())));
-        parts.extend(shortened(of_section, most, &place));
+        parts.extend(shortened(of_section, max_rows, &place));
     }
     let title = Line::from(format!("fathom on {}", run.adapter.title()));
     format!("# {}\n\n{}", title.markdown(), document::markdown(&parts))
 }
 
 /// At most so many rows below each heading, or in all where there is one number. What is folded gets the rows that the tables before it leave.
-fn shortened(parts: Vec<Block>, most: &[usize], place: &Line) -> Vec<Block> {
-    let mut limits = most.iter().copied();
-    let mut remaining_rows = if most.len() == 1 { most[0] } else { 0 };
+fn shortened(parts: Vec<Block>, max_rows: &[usize], place: &Line) -> Vec<Block> {
+    let mut limits = max_rows.iter().copied();
+    let mut remaining_rows = if max_rows.len() == 1 { max_rows[0] } else { 0 };
     let cut = |part: Block| match part {
         Block::Heading(_) => {
             remaining_rows = limits.next().unwrap_or(remaining_rows);
             vec![part]
         }
         Block::Table(table) => {
-            let (most, rows) = (remaining_rows, table.rows.len());
+            let (limit, rows) = (remaining_rows, table.rows.len());
             remaining_rows = remaining_rows.saturating_sub(rows);
-            Block::Table(table).truncate(most, place)
+            Block::Table(table).truncate(limit, place)
         }
         Block::Fold(words, folded) if remaining_rows > 0 => {
             let tables = folded.into_iter().flat_map(|part| part.truncate(remaining_rows, place));

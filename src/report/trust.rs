@@ -66,8 +66,7 @@ pub fn conditions(run: &Run) -> String {
     if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
 }
 
-/// What they are about, and words: of what was timed, then of the verdicts; of the clocks [`verdict`] tells. What cannot be said of a
-/// run is left out.
+/// Facts about the times, then about the verdicts, each with its name; [`verdict`] has the clocks. Unknown facts are left out.
 pub fn facts(view: &Report<'_>) -> impl Iterator<Item = (&'static str, String)> {
     let all = [
         ("noise", view.verdict.as_ref().map(noise::figures)),
@@ -94,8 +93,8 @@ fn few_samples(view: &Report<'_>) -> Option<String> {
     ))
 }
 
-/// Timed over untimed frames: over the pairs of all cells, as one cell's few pairs tell the machine's noise rather; and of the cell
-/// whose frame timing makes most longer.
+/// The cost of timing, as timed over untimed frame time: over the pairs of all cells, since the few pairs of one cell show mostly noise;
+/// and of the cell where it is highest.
 fn timing_cost(view: &Report<'_>) -> Option<String> {
     let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
     let costs = frames().map(|(cell, frame)| (cell, &frame.timing_cost));

@@ -1,4 +1,4 @@
-//! Records in the order in which a report tells them: the run, then each experiment with its cells, once each.
+//! Records in the order of a report: the run, then each experiment with its cells, once each.
 
 use std::cell::OnceCell;
 use std::cmp::Ordering;
@@ -78,7 +78,7 @@ pub fn shown_file(path: &Path) -> String {
 #[derive(Default)]
 pub struct Section<'a> {
     pub id: &'a str,
-    /// As defined in the records, else the built-in one.
+    /// As defined in the records.
     pub experiment: Option<Experiment>,
     /// Why there is none.
     pub problem: Option<String>,
@@ -180,11 +180,7 @@ impl<'a> Section<'a> {
     fn finish(&mut self) {
         let profile = self.run.map(|run| run.profile);
         if self.experiment.is_none() && self.problem.is_none() {
-            if Experiment::builtin_text(self.id).is_some() {
-                self.define(Experiment::load(self.id));
-            } else {
-                self.problem = Some("its definition is not among the records".to_owned());
-            }
+            self.problem = Some("its definition is not among the records".to_owned());
         }
         let plans = self
             .experiment

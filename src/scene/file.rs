@@ -1,6 +1,7 @@
 //! Scene files: TOML, one table for each of camera, light and water, and a list of objects.
 
 use std::collections::BTreeMap;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -10,7 +11,7 @@ use serde_json::{Value, json};
 
 use super::{
     Bounds, Camera, Light, Material, Object, Scene, SceneError, VolumeFile, Water, assets, check,
-    generators, mesh_file, mesh_file::MeshPart, read, toml_text,
+    generators, mesh_file, mesh_file::MeshPart, read, read::MAX_BYTES, toml_text,
 };
 use fathom_base::embedded::{Folders, SCENES};
 use fathom_base::{choices, input, settings};
@@ -110,10 +111,10 @@ impl Transform {
     pub fn matrix(&self, bounds: &Bounds, floor_depth_m: f64) -> DMat4 {
         let [x, y, z] = self.rotate_deg.map(f64::to_radians);
         let ground = self.on.height_m(floor_depth_m);
-        let turn = DQuat::from_euler(EulerRot::ZYX, z, y, x);
+        let rotation = DQuat::from_euler(EulerRot::ZYX, z, y, x);
         let place = DVec3::from(self.translate_m) + DVec3::Y * ground;
         let scale = DVec3::splat(self.scale);
-        DMat4::from_scale_rotation_translation(scale, turn, place) * self.fitting(bounds)
+        DMat4::from_scale_rotation_translation(scale, rotation, place) * self.fitting(bounds)
     }
 
     fn fitting(&self, bounds: &Bounds) -> DMat4 {
@@ -170,24 +171,30 @@ impl SceneFile {
         })
     }
 
-    /// Digests of the meshes and volumes by the names of their files or assets, and of itself as `scene_file`.
+    /// Digests of the meshes, their buffers and the volumes by the names of their files or assets, and of itself as `scene_file`.
     pub fn digests(&self) -> Result<BTreeMap<String, String>, String> {
         let mut digests = BTreeMap::from([("scene_file".to_owned(), self.digest.clone())]);
         let objects = self.objects.iter().map(|object| (&object.file, &object.asset));
         let volume = self.volume.iter().map(|volume| (&volume.file, &volume.asset));
-        for (path, asset) in objects.chain(volume) {
-            let (name, digest) = if let Some(path) = path {
-                let content = read::open(&self.folder.join(path)).and_then(input::digest);
-                let name = path.file_name().unwrap_or_default().to_string_lossy();
-                let content = content.map_err(|e| format!("{}: {e}", path.display()))?;
-                (name.into_owned(), content)
-            } else if let Some(name) = asset {
-                (name.clone(), assets::named(name)?.sha256[..16].to_owned())
-            } else {
-                continue;
-            };
+        let mut add = |path: &Path, digest: io::Result<String>| {
+            let digest = digest.map_err(|error| format!("{}: {error}", path.display()))?;
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             // Files of different folders may have one name.
-            digests.entry(name).and_modify(|known| *known += &digest).or_insert(digest);
+            let known = digests.entry(name).and_modify(|known| *known += &digest);
+            known.or_insert(digest);
+            Ok::<_, String>(())
+        };
+        for (path, asset) in objects.chain(volume) {
+            if let Some(path) = path {
+                let path = self.folder.join(path);
+                add(&path, read::open(&path).and_then(input::digest))?;
+                for path in mesh_file::companions(&path)? {
+                    let file = input::open(&path).and_then(|file| input::limited(file, MAX_BYTES));
+                    add(&path, file.and_then(input::digest))?;
+                }
+            } else if let Some(name) = asset {
+                add(Path::new(name), Ok(assets::named(name)?.sha256[..16].to_owned()))?;
+            }
         }
         Ok(digests)
     }

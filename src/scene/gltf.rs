@@ -1,57 +1,97 @@
-//! glTF 2.0: `.glb`, and `.gltf` with its buffers embedded. The crate `gltf` checks indices, but not that accessors lie within their
+//! glTF 2.0: `.glb`, and `.gltf` with its buffers embedded or in files beside it. The crate `gltf` checks indices, but not that accessors lie within their
 //! buffers and hold what is read from them: that is done here.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
+use std::fs;
 use std::io::Read;
+use std::path::{Component, Path, PathBuf};
 
 use ::gltf::accessor::sparse::Sparse;
 use ::gltf::accessor::{DataType, Dimensions};
-use ::gltf::json::{Index, Root, deserialize};
+use ::gltf::json::{Index, Root, Value, deserialize};
 use ::gltf::material::AlphaMode;
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Document, Primitive, Semantic};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use glam::{DMat4, Mat4, Vec3};
+use percent_encoding::percent_decode_str;
 
 use super::Mesh;
 use super::mesh_file::MeshPart;
 use super::read::{self, MAX_VERTICES};
-use fathom_base::input::{BYTE_ORDER_MARK, Limited};
+use fathom_base::input::{self, BYTE_ORDER_MARK, Limited};
 use fathom_base::text::{excerpt, fault};
 
-/// Largest file, bytes: its JSON and its buffers stand in memory more than once.
+/// Largest file, and largest sum of its buffers, bytes: they stand in memory more than once.
 const MAX_FILE: u64 = 192 << 20;
 /// Most objects, lists and commas of the JSON: an empty object of the file becomes up to 400 bytes (gltf-json 1.4).
 const MAX_MARKS: usize = 2_000_000;
+/// How the URI of a buffer begins that is embedded in the JSON.
+const EMBEDDED: &str = "data:";
 /// Beginnings of names of extensions that change no triangle.
 const OF_LOOKS: [&str; 4] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_"];
 
 /// Reads all triangles of the file's scene, at most `triangles`, one part for each base colour.
 pub fn read(
-    file: Box<dyn Read>,
+    file: &mut dyn Read,
+    path: &Path,
     triangles: usize,
     notes: &mut Vec<String>,
 ) -> Result<Vec<MeshPart>, String> {
     let bytes = Limited::new(file, MAX_FILE).bytes().map_err(|error| error.to_string())?;
-    let is_binary = bytes.starts_with(b"glTF");
-    let (text, chunk) = if is_binary { chunks(&bytes)? } else { (bytes.as_slice(), None) };
-    let text = text.strip_prefix(BYTE_ORDER_MARK.as_bytes()).unwrap_or(text);
-    check_size(text)?;
-    let root: Root = deserialize::from_slice(text).map_err(fault)?;
+    let (root, chunk) = parse(&bytes)?;
     let document = checked(root)?;
     notes.extend(unread(&document));
-    let uris = document.as_json().buffers.iter().map(|buffer| buffer.uri.as_deref());
-    let buffers = uris.enumerate().map(|(number, uri)| {
-        buffer(uri, chunk.filter(|_| number == 0)).map_err(|what| format!("buffer {number} {what}"))
+    let mut left = MAX_FILE;
+    let buffers = document.as_json().buffers.iter().enumerate().map(|(number, of)| {
+        let chunk = chunk.filter(|_| number == 0);
+        let bytes = buffer(of.uri.as_deref(), chunk, path, left);
+        let bytes = bytes.map_err(|what| format!("buffer {number} {what}"))?;
+        let (length, claimed) = (bytes.len() as u64, of.byte_length.0);
+        left = left.saturating_sub(length);
+        let fault = || format!("buffer {number} has {length} bytes and claims {claimed}");
+        (length >= claimed).then_some(bytes).ok_or_else(fault)
     });
     let buffers = buffers.collect::<Result<_, _>>()?;
-    Reader { buffers, left: triangles, most: triangles, vertices: 0 }.parts(&document)
+    Reader { buffers, left: triangles, max: triangles, vertices: 0 }.parts(&document)
+}
+
+/// The files with the buffers of a file, each once.
+pub fn buffer_files(path: &Path) -> Result<BTreeSet<PathBuf>, String> {
+    let bytes = read::open(path).and_then(|file| Limited::new(file, MAX_FILE).bytes());
+    let bytes = bytes.map_err(|error| error.to_string())?;
+    let buffers = parse(&bytes)?.0.buffers;
+    let uris = buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+    uris.filter(|uri| !uri.starts_with(EMBEDDED)).map(|uri| file_beside(path, uri)).collect()
+}
+
+/// The JSON of a file, and its binary chunk.
+fn parse(bytes: &[u8]) -> Result<(Root, Option<&[u8]>), String> {
+    let is_binary = bytes.starts_with(b"glTF");
+    let (text, chunk) = if is_binary { chunks(bytes)? } else { (bytes, None) };
+    let text = text.strip_prefix(BYTE_ORDER_MARK.as_bytes()).unwrap_or(text);
+    check_size(text)?;
+    let root = deserialize::from_slice(text).map_err(|error| {
+        let json: Value = deserialize::from_slice(text).unwrap_or_default();
+        match json["asset"]["version"].as_str() {
+            Some(version) if !version.starts_with("2.") => other_version(version),
+            _ => fault(error),
+        }
+    });
+    root.map(|root| (root, chunk))
+}
+
+fn other_version(version: &str) -> String {
+    format!("it is glTF {}: only version 2.0 is read", excerpt(version))
 }
 
 /// The JSON and the binary chunk of a `.glb` file.
 fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     let number = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
+    if let Some(version) = number(4).filter(|version| *version != 2) {
+        return Err(other_version(&version.to_string()));
+    }
     let (mut at, mut text, mut binary) = (12, None, None);
     while let Some(length) = number(at) {
         let end = at + 8 + length as usize;
@@ -63,7 +103,7 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
         }
         at = end;
     }
-    Ok((text.ok_or("it has no JSON: only version 2 is read")?, binary))
+    Ok((text.ok_or("it has no JSON")?, binary))
 }
 
 /// Refuses a JSON that would take far more memory than it has bytes.
@@ -124,23 +164,48 @@ fn is_of_triangles(primitive: &Primitive<'_>) -> bool {
     of_triangles.contains(&primitive.mode()) && primitive.get(&Semantic::Positions).is_some()
 }
 
-/// The bytes of a buffer.
-fn buffer(uri: Option<&str>, chunk: Option<&[u8]>) -> Result<Vec<u8>, String> {
-    match uri {
-        None => chunk.map(<[u8]>::to_vec).ok_or_else(|| "is not in the file".to_owned()),
-        Some(uri) if uri.starts_with("data:") => {
-            let (_, code) = uri.split_once(";base64,").ok_or("is not in base64")?;
-            BASE64.decode(code).map_err(|error| format!("is no base64: {error}"))
-        }
-        Some(_) => Err("is another file, which is not read: save it as .glb".to_owned()),
+/// The bytes of a buffer of the file at this path, of at most so many.
+fn buffer(
+    uri: Option<&str>,
+    chunk: Option<&[u8]>,
+    path: &Path,
+    max: u64,
+) -> Result<Vec<u8>, String> {
+    let Some(uri) = uri else {
+        return chunk.map(<[u8]>::to_vec).ok_or_else(|| "is not in the file".to_owned());
+    };
+    if uri.starts_with(EMBEDDED) {
+        let (_, code) = uri.split_once(";base64,").ok_or("is not in base64")?;
+        return BASE64.decode(code).map_err(|error| format!("is no base64: {error}"));
     }
+    // As it stands: a buffer may begin as gzip does.
+    let file = input::open(&file_beside(path, uri)?).and_then(|file| input::limited(file, max));
+    let bytes = file.and_then(Limited::bytes);
+    bytes.map_err(|error| format!("is `{}`: {error}", excerpt(uri)))
+}
+
+/// The file that the one at `path` names. It may lie in the same folder or below it, and nowhere else: who opens a mesh does not mean to read
+/// any other file.
+fn file_beside(path: &Path, uri: &str) -> Result<PathBuf, String> {
+    let shown = excerpt(uri);
+    let outside = || format!("is `{shown}`: only files in the folder of the glTF file are read");
+    let name = percent_decode_str(uri).decode_utf8().map_err(|_| outside())?;
+    let is_below = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+    // With a scheme it is a URL.
+    if uri.contains(':') || !Path::new(&*name).components().all(is_below) {
+        return Err(outside());
+    }
+    let whole = |path| fs::canonicalize(path).map_err(|error| format!("is `{shown}`: {error}"));
+    let folder = whole(path.with_file_name("."))?;
+    let file = whole(path.with_file_name(&*name))?;
+    if file.starts_with(folder) { Ok(file) } else { Err(outside()) }
 }
 
 struct Reader {
     buffers: Vec<Vec<u8>>,
     /// Triangles that may still be read, of so many.
     left: usize,
-    most: usize,
+    max: usize,
     vertices: usize,
 }
 
@@ -181,7 +246,7 @@ impl Reader {
         }
         let of_indices = [DataType::U8, DataType::U16, DataType::U32];
         if let Some(accessor) = primitive.indices() {
-            self.check(&accessor, Dimensions::Scalar, &of_indices, self.most.saturating_mul(3))?;
+            self.check(&accessor, Dimensions::Scalar, &of_indices, self.max.saturating_mul(3))?;
         }
         let reader = primitive.reader(|buffer| self.buffers.get(buffer.index()).map(Vec::as_slice));
         let beyond = || "an accessor reaches beyond its buffer".to_owned();
@@ -206,7 +271,7 @@ impl Reader {
         }
         let indices = triangles(primitive.mode(), &corners);
         let left = self.left.checked_sub(indices.len() / 3);
-        self.left = left.ok_or_else(|| read::too_many_triangles(self.most))?;
+        self.left = left.ok_or_else(|| read::too_many_triangles(self.max))?;
         let mut mesh = Mesh { positions, normals, indices };
         if !mesh.indices.is_empty() {
             mesh.validate()?;
@@ -221,7 +286,7 @@ impl Reader {
         accessor: &Accessor<'_>,
         dimensions: Dimensions,
         types: &[DataType],
-        most: usize,
+        max: usize,
     ) -> Result<(), String> {
         let fault = |what: &str| Err(format!("accessor {} {what}", accessor.index()));
         if accessor.dimensions() != dimensions || !types.contains(&accessor.data_type()) {
@@ -239,9 +304,7 @@ impl Reader {
         }
         match accessor.count() {
             0 => fault("has no elements"),
-            count if count > most => {
-                fault(&format!("has {count} elements; at most {most} are read"))
-            }
+            count if count > max => fault(&format!("has {count} elements; at most {max} are read")),
             count if !accessor.sparse().is_none_or(|sparse| self.rises(&sparse, count)) => {
                 fault("has sparse indices that do not rise within its elements")
             }

@@ -318,8 +318,8 @@ mod tests {
         };
         // Of these bounds some lies behind the light, and none of that in its frustum.
         assert!(near_m([20.0, 9.0, 2.0]) > 8.0);
-        let least_m = POINT_NEAR * wide.size().length();
-        assert!((near_m([20.0, 0.5, 2.0]) - least_m).abs() < 1e-6);
+        let min_m = POINT_NEAR * wide.size().length();
+        assert!((near_m([20.0, 0.5, 2.0]) - min_m).abs() < 1e-6);
     }
 
     #[test]

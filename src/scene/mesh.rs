@@ -49,17 +49,17 @@ impl Mesh {
     /// Moves the mesh; a mirroring transform also turns the triangles over: they stay counter-clockwise.
     #[must_use]
     pub fn transformed(mut self, transform: &DMat4) -> Mesh {
-        let turn = glam::DMat3::from_mat4(*transform).inverse().transpose();
+        let normal_matrix = glam::DMat3::from_mat4(*transform).inverse().transpose();
         for p in &mut self.positions {
             let moved = transform.transform_point3(Vec3::from(*p).as_dvec3());
             *p = moved.as_vec3().to_array();
         }
         for n in &mut self.normals {
-            let turned = turn * Vec3::from(*n).as_dvec3();
-            *n = turned.normalize_or(DVec3::Y).as_vec3().to_array();
+            let normal = normal_matrix * Vec3::from(*n).as_dvec3();
+            *n = normal.normalize_or(DVec3::Y).as_vec3().to_array();
         }
         if transform.determinant() < 0.0 {
-            self.turn_over();
+            self.flip();
         }
         self
     }
@@ -67,7 +67,7 @@ impl Mesh {
     /// The mesh inside out: walls that are seen from within.
     #[must_use]
     pub fn inverted(mut self) -> Mesh {
-        self.turn_over();
+        self.flip();
         for n in &mut self.normals {
             *n = n.map(|c| -c);
         }
@@ -137,7 +137,7 @@ impl Mesh {
         corners.map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
     }
 
-    fn turn_over(&mut self) {
+    fn flip(&mut self) {
         for triangle in self.indices.chunks_exact_mut(3) {
             triangle.swap(1, 2);
         }

@@ -1,11 +1,11 @@
 //! Meshes from files.
 
 use std::collections::BTreeSet;
-use std::io::Read;
-use std::path::Path;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::read::{FileReader, MAX_TRIANGLES, open, text_of};
+use super::read::{MAX_TRIANGLES, open};
 use super::{Mesh, check, gltf, obj, ply, stl};
 use fathom_base::print;
 
@@ -18,14 +18,14 @@ pub struct MeshPart {
     pub alpha: f32,
 }
 
-/// Reads the content of a file, of no more than so many triangles, and adds what it does not read to the notes.
-type Reader = fn(Box<dyn Read>, usize, &mut Vec<String>) -> Result<Vec<MeshPart>, String>;
+/// Reads the content of the file at a path, of no more than so many triangles, and adds what it does not read to the notes.
+type Reader = fn(&mut dyn Read, &Path, usize, &mut Vec<String>) -> Result<Vec<MeshPart>, String>;
 
 /// Endings of names with what reads such files.
 const READERS: [(&str, Reader); 5] = [
-    ("obj", |file, most, notes| of_text(file, |text| obj::read(text, most, notes))),
-    ("ply", |file, most, notes| of_text(file, |text| ply::read(text, most, notes))),
-    ("stl", |file, most, notes| Ok(vec![stl::read(file, most, notes)?.into()])),
+    ("obj", |file, _, max, notes| Ok(vec![obj::read(file, max, notes)?.into()])),
+    ("ply", |file, _, max, _| Ok(vec![ply::read(file, max)?.into()])),
+    ("stl", |file, _, max, notes| Ok(vec![stl::read(file, max, notes)?.into()])),
     ("gltf", gltf::read),
     ("glb", gltf::read),
 ];
@@ -39,10 +39,16 @@ impl From<Mesh> for MeshPart {
     }
 }
 
-/// What reads a file of this name; none where its ending is not that of a mesh.
-pub fn reader(path: &Path) -> Option<Reader> {
+/// The ending of a file's name without that of gzip.
+fn ending(path: &Path) -> Option<String> {
     let name = path.to_string_lossy().to_ascii_lowercase();
     let (_, ending) = name.strip_suffix(".gz").unwrap_or(&name).rsplit_once('.')?;
+    Some(ending.to_owned())
+}
+
+/// What reads a file of this name; none where its ending is not that of a mesh.
+pub fn reader(path: &Path) -> Option<Reader> {
+    let ending = ending(path)?;
     READERS.iter().find(|(known, _)| *known == ending).map(|(_, reader)| *reader)
 }
 
@@ -61,19 +67,23 @@ pub fn read_parts(path: &Path, triangles: usize) -> Result<Vec<MeshPart>, String
     let named = || malformed(format!("its name must end in {ENDINGS}, or in one of them and .gz"));
     let read = reader(path).ok_or_else(named)?;
     let file = open(path);
-    let file = file.map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
+    let mut file = file.map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
     let mut notes = Vec::new();
-    let parts = read(file, triangles, &mut notes).and_then(checked).map_err(malformed)?;
+    let parts =
+        read(&mut file, path, triangles, &mut notes).and_then(checked).map_err(malformed)?;
+    // To the end of the archive, whose checksum stands there.
+    let rest = io::copy(&mut file, &mut io::sink());
+    rest.map_err(|error| malformed(format!("{error}, after the mesh")))?;
     notes.into_iter().map(malformed).for_each(note_once);
     Ok(parts)
 }
 
-fn of_text(
-    file: Box<dyn Read>,
-    read: impl FnOnce(FileReader) -> Result<Mesh, String>,
-) -> Result<Vec<MeshPart>, String> {
-    let mesh = read(text_of(file).map_err(|error| error.to_string())?)?;
-    Ok(vec![mesh.into()])
+/// The files that a mesh file names and that are read with it.
+pub fn companions(path: &Path) -> Result<BTreeSet<PathBuf>, String> {
+    match ending(path).as_deref() {
+        Some("gltf" | "glb") => gltf::buffer_files(path),
+        _ => Ok(BTreeSet::new()),
+    }
 }
 
 /// Prints a note, if this process has not done so before: a scene's files are read more than once.

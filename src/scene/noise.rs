@@ -100,7 +100,7 @@ fn fade(t: f64) -> (f64, f64) {
 fn gradient(ix: u32, iy: u32, seed: u32) -> DVec2 {
     use std::f64::consts::{FRAC_PI_4, SQRT_2};
     static DIRECTIONS: LazyLock<[DVec2; 8]> = LazyLock::new(|| {
-        std::array::from_fn(|turn| DVec2::from_angle(turn as f64 * FRAC_PI_4) * SQRT_2)
+        std::array::from_fn(|eighth| DVec2::from_angle(eighth as f64 * FRAC_PI_4) * SQRT_2)
     });
     DIRECTIONS[(hash(ix, iy, seed) >> 29) as usize]
 }

@@ -9,13 +9,9 @@ use std::io::{self, BufRead, Read, Write};
 use glam::Vec3;
 use tobj::{LoadError, LoadOptions};
 
-use super::read::{self, FileReader, MAX_VERTICES};
+use super::read::{self, LineReader, MAX_VERTICES};
 use super::{Mesh, polygon};
-use fathom_base::input::{LineEnd, next_line};
 use fathom_base::text::excerpt;
-
-/// Longest line that is read, with those that it continues on, bytes.
-const MAX_LINE: usize = 1 << 16;
 
 /// Most unknown keywords that are named.
 const MAX_UNKNOWN: usize = 8;
@@ -28,12 +24,16 @@ const MAX_OBJECTS: usize = 100_000;
 
 /// Reads all objects of an OBJ file of at most `triangles` into one mesh, and adds what is not read of it to `notes`. Polygons are
 /// cut into triangles, materials are left aside, and normals are computed where a corner has none that can be used.
-pub fn read(source: FileReader, triangles: usize, notes: &mut Vec<String>) -> Result<Mesh, String> {
-    let mut statements = Statements::new(source, triangles);
+pub fn read(
+    file: &mut dyn Read,
+    triangles: usize,
+    notes: &mut Vec<String>,
+) -> Result<Mesh, String> {
+    let mut statements = Statements::new(LineReader::new(file)?, triangles);
     let no_materials = |_: &std::path::Path| Ok((Vec::new(), Default::default()));
     let loaded = tobj::load_obj_buf(&mut statements, &LoadOptions::default(), no_materials);
     let (models, _) = loaded.map_err(|fault| malformed(&statements, fault))?;
-    if statements.number == 0 {
+    if statements.lines.number == 0 {
         return Err("the file is empty".into());
     }
     notes.extend(statements.unknown.iter().map(|(keyword, line)| {
@@ -44,8 +44,8 @@ pub fn read(source: FileReader, triangles: usize, notes: &mut Vec<String>) -> Re
     Ok(mesh)
 }
 
-fn malformed<R>(statements: &Statements<R>, fault: LoadError) -> String {
-    let line = statements.number;
+fn malformed(statements: &Statements<'_>, fault: LoadError) -> String {
+    let line = statements.lines.number;
     match (&statements.fault, fault) {
         (Some(what), _) => format!("line {line}: {what}"),
         // Found when an object ends, so the line would mislead.
@@ -58,12 +58,8 @@ fn malformed<R>(statements: &Statements<R>, fault: LoadError) -> String {
 
 /// The lines of a file that describe geometry, as `tobj` is to read them: one line a statement, coordinates without colours, faces
 /// of three corners and more with indices that count from 1, all with normals, and a new object wherever one with faces has ended.
-struct Statements<R> {
-    source: R,
-    part: Vec<u8>,
-    line: Vec<u8>,
-    /// Of the last line read, from 1.
-    number: usize,
+struct Statements<'a> {
+    lines: LineReader<'a>,
     /// What is passed on of the statement, and how much of it was taken.
     out: Vec<u8>,
     taken: usize,
@@ -80,13 +76,10 @@ struct Statements<R> {
     fault: Option<String>,
 }
 
-impl<R: BufRead> Statements<R> {
-    fn new(source: R, max_triangles: usize) -> Self {
+impl<'a> Statements<'a> {
+    fn new(lines: LineReader<'a>, max_triangles: usize) -> Self {
         Self {
-            source,
-            part: Vec::new(),
-            line: Vec::new(),
-            number: 0,
+            lines,
             out: b"vn 0 0 0\n".to_vec(),
             taken: 0,
             positions: 0,
@@ -108,36 +101,30 @@ impl<R: BufRead> Statements<R> {
             if !self.join()? {
                 return Ok(false);
             }
-            let line = std::mem::take(&mut self.line);
+            let line = std::mem::take(&mut self.lines.line);
             self.statement(&line)?;
-            self.line = line;
+            self.lines.line = line;
         }
         Ok(true)
     }
 
     /// Reads a line without its comment, with those that it continues on; false at the end of the file.
     fn join(&mut self) -> Result<bool, String> {
-        let first = self.number;
-        self.line.clear();
+        let first = self.lines.number;
+        self.lines.line.clear();
         loop {
-            let longest = MAX_LINE.saturating_sub(self.line.len());
-            let read = next_line(&mut self.source, longest, &mut self.part);
-            match read.map_err(|error| error.to_string())? {
-                None => return Ok(self.number > first),
-                Some(end) => {
-                    self.number += 1;
-                    if end == LineEnd::TooLong {
-                        return Err(format!("longer than {MAX_LINE} bytes"));
-                    }
-                }
+            let start = self.lines.line.len();
+            if !self.lines.append().map_err(|error| error.to_string())? {
+                return Ok(self.lines.number > first);
             }
-            let comment = self.part.iter().position(|byte| *byte == b'#');
-            self.line.extend(&self.part[..comment.unwrap_or(self.part.len())]);
-            self.line.truncate(self.line.trim_ascii_end().len());
-            if comment.is_some() || self.line.pop_if(|byte| *byte == b'\\').is_none() {
+            let line = &mut self.lines.line;
+            let comment = line[start..].iter().position(|byte| *byte == b'#');
+            line.truncate(comment.map_or(line.len(), |length| start + length));
+            line.truncate(line.trim_ascii_end().len());
+            if comment.is_some() || line.pop_if(|byte| *byte == b'\\').is_none() {
                 return Ok(true);
             }
-            self.line.push(b' ');
+            line.push(b' ');
         }
     }
 
@@ -170,7 +157,7 @@ impl<R: BufRead> Statements<R> {
             }
             Some("f") => self.face(&words.collect::<Vec<_>>())?,
             Some(keyword) if self.unknown.len() < MAX_UNKNOWN => {
-                self.unknown.entry(excerpt(keyword)).or_insert(self.number);
+                self.unknown.entry(excerpt(keyword)).or_insert(self.lines.number);
             }
             _ => {}
         }
@@ -222,7 +209,7 @@ impl<R: BufRead> Statements<R> {
         Ok((index(position, self.positions)?, normal.unwrap_or(Ok::<_, String>(NO_NORMAL))?))
     }
 
-    fn write<'a>(&mut self, keyword: &str, words: impl Iterator<Item = &'a str>) {
+    fn write<'w>(&mut self, keyword: &str, words: impl Iterator<Item = &'w str>) {
         self.out.extend_from_slice(keyword.as_bytes());
         for word in words {
             self.out.push(b' ');
@@ -253,7 +240,7 @@ fn index(text: &str, count: usize) -> Result<usize, String> {
     }
 }
 
-impl<R: BufRead> Read for Statements<R> {
+impl Read for Statements<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.fill_buf()?.read(buffer)?;
         self.consume(read);
@@ -261,7 +248,7 @@ impl<R: BufRead> Read for Statements<R> {
     }
 }
 
-impl<R: BufRead> BufRead for Statements<R> {
+impl BufRead for Statements<'_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.taken == self.out.len() {
             self.advance().map_err(|fault| {
@@ -305,8 +292,8 @@ mod tests {
     #[test]
     fn each_unknown_keyword_is_named_once() {
         let text = "V 0 0 0\nv 0 0 0\nv 1 0 0 # V\nv 0 1 0\nsurf 1\nV 1\nf 1 2 3\n#V\nsurf 2\ns off\nl 1 2\n";
-        let (source, mut notes): (Box<dyn Read>, _) = (Box::new(text.as_bytes()), Vec::new());
-        read(io::BufReader::new(source), 1, &mut notes).unwrap();
+        let mut notes = Vec::new();
+        read(&mut text.as_bytes(), 1, &mut notes).unwrap();
         let told = "line 1: lines that start with `V` are not read, line 5: lines that start with `surf` are not read";
         assert_eq!(notes.join(", "), told);
     }

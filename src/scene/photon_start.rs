@@ -42,17 +42,17 @@ impl PhotonStart {
         PhotonStart::from_points(&places.collect::<Vec<_>>())
     }
 
-    /// The least rectangle around points has a side along one of their hull (Freeman and Shapira 1975).
+    /// The smallest rectangle around points has a side along one of their hull (Freeman and Shapira 1975).
     fn from_points(points: &[DVec2]) -> Option<PhotonStart> {
         let hull = hull(points);
         let next = hull.iter().cycle().skip(1);
         let sides = hull.iter().zip(next).filter_map(|(a, b)| (*b - *a).try_normalize());
-        let turned = sides.map(|side| {
-            let turn = |p: &DVec2| DVec2::new(side.dot(*p), side.perp().dot(*p));
-            PhotonStart { side, within: Rectangle::from_points(hull.iter().map(turn)) }
+        let rotated = sides.map(|side| {
+            let rotate = |p: &DVec2| DVec2::new(side.dot(*p), side.perp().dot(*p));
+            PhotonStart { side, within: Rectangle::from_points(hull.iter().map(rotate)) }
         });
-        let least = turned.min_by(|a, b| a.within.area().total_cmp(&b.within.area()))?;
-        (least.within.area() > 0.0).then_some(least)
+        let smallest = rotated.min_by(|a, b| a.within.area().total_cmp(&b.within.area()))?;
+        (smallest.within.area() > 0.0).then_some(smallest)
     }
 
     pub(super) fn rectangle(&self) -> &Rectangle {
@@ -223,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_least_rectangle_lies_along_what_it_holds() {
+    fn the_smallest_rectangle_lies_along_what_it_holds() {
         let side = DVec2::from_angle(0.5);
         let place = |x: f64, y: f64| DVec2::new(3.0, -1.0) + side * x + side.perp() * y;
         let mut points =

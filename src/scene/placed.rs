@@ -11,8 +11,8 @@ const EXTENT_M: f64 = 2.0;
 /// Size of the plate over the mesh's.
 const PLATE: f64 = 1.2;
 /// Smallest side of the plate over the mesh's largest extent.
-const LEAST_PLATE: f64 = 0.2;
-/// From where a mesh is seen unless asked otherwise: turn about the vertical from +z to +x, and height above the horizon.
+const MIN_PLATE: f64 = 0.2;
+/// From where a mesh is seen unless asked otherwise: angle about the vertical from +z to +x, and height above the horizon.
 const VIEW_DEG: [f64; 2] = [25.0, 25.0];
 const FOV_Y_DEG: f64 = 40.0;
 /// Share of a square picture that the box of what is seen takes.
@@ -23,16 +23,16 @@ impl Camera {
     /// holds the box.
     pub fn around(bounds: &Bounds, [azimuth_deg, elevation_deg]: [f64; 2]) -> Camera {
         let [azimuth, elevation] = [azimuth_deg, elevation_deg.clamp(-89.0, 89.0)];
-        let turn = [azimuth, -elevation, 0.0].map(f64::to_radians);
-        let turn = DQuat::from_euler(EulerRot::YXZ, turn[0], turn[1], turn[2]);
+        let [yaw, pitch] = [azimuth, -elevation].map(f64::to_radians);
+        let rotation = DQuat::from_euler(EulerRot::YXZ, yaw, pitch, 0.0);
         let target = bounds.center();
         let slope = FILLED * (FOV_Y_DEG / 2.0).to_radians().tan();
         // Of a corner: right, up, and towards the camera.
-        let corners = bounds.corners().map(|corner| turn.inverse() * (corner - target));
+        let corners = bounds.corners().map(|corner| rotation.inverse() * (corner - target));
         let distance = corners.map(|c| c.x.abs().max(c.y.abs()) / slope + c.z);
         let distance = distance.into_iter().fold(f64::MIN_POSITIVE, f64::max);
         let near = (distance - 0.75 * bounds.size().length()).max(0.05 * distance);
-        let position = target + turn * DVec3::Z * distance;
+        let position = target + rotation * DVec3::Z * distance;
         let z_m = [near, 2.0 * distance - near];
         Camera::new(position.to_array(), target.to_array(), FOV_Y_DEG, z_m)
     }
@@ -64,7 +64,7 @@ impl SceneFile {
         let transform = Transform { fit_m: EXTENT_M, ..Transform::default() };
         let matrix = transform.matrix(&mesh.bounds(), scene.floor_depth_m);
         let bounds = mesh.transformed(&matrix).bounds();
-        let side = |extent: f64| PLATE * extent.max(LEAST_PLATE * EXTENT_M);
+        let side = |extent: f64| PLATE * extent.max(MIN_PLATE * EXTENT_M);
         let sides = [("width_m", side(bounds.size().x)), ("depth_m", side(bounds.size().z))];
         scene.objects[0].params = sides.map(|(name, side)| (name.to_owned(), side.into())).into();
         (scene.objects[1].file, scene.objects[1].transform) = (Some(path.to_owned()), transform);

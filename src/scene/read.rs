@@ -15,41 +15,59 @@ pub const MAX_TRIANGLES: usize = 4_000_000;
 /// Most vertices, and most normals, that are read from one mesh file: a hash table of 2²² places holds so many.
 pub const MAX_VERTICES: usize = 3_600_000;
 
-/// A file's content as it is read, decompressed.
-pub type FileReader = BufReader<Box<dyn Read>>;
+/// Longest line that is read, bytes.
+pub const MAX_LINE: usize = 1 << 16;
 
-/// Text of UTF-8 without the byte order mark, its lines ended by a line feed alone.
-pub fn text_of(file: Box<dyn Read>) -> io::Result<FileReader> {
-    let mut source = BufReader::new(file);
-    if source.fill_buf()?.starts_with(BYTE_ORDER_MARK.as_bytes()) {
-        source.consume(BYTE_ORDER_MARK.len());
+/// The lines of a file, counted.
+pub struct LineReader<'a> {
+    /// What follows the line.
+    pub source: BufReader<&'a mut dyn Read>,
+    /// Of the line, from 1.
+    pub number: usize,
+    /// Without what ended it: a line feed, a carriage return, or both.
+    pub line: Vec<u8>,
+}
+
+impl<'a> LineReader<'a> {
+    /// Begins behind the byte order mark.
+    pub fn new(file: &'a mut dyn Read) -> Result<Self, String> {
+        let mut source = BufReader::new(file);
+        let start = source.fill_buf().map_err(|error| error.to_string())?;
+        if start.starts_with(BYTE_ORDER_MARK.as_bytes()) {
+            source.consume(BYTE_ORDER_MARK.len());
+        }
+        Ok(Self { source, number: 0, line: Vec::new() })
     }
-    Ok(BufReader::new(Box::new(LineFeeds { source, after_return: false })))
-}
 
-/// Each carriage return, and the line feed that may follow it, as a line feed.
-struct LineFeeds {
-    source: FileReader,
-    after_return: bool,
-}
+    /// Reads the next line; false at the end of the file.
+    pub fn next(&mut self) -> Result<bool, String> {
+        self.line.clear();
+        self.append().map_err(|error| error.to_string())
+    }
 
-impl Read for LineFeeds {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+    /// Reads the next line behind the one that is there.
+    pub fn append(&mut self) -> io::Result<bool> {
+        if self.source.fill_buf()?.is_empty() {
+            return Ok(false);
+        }
+        self.number += 1;
         loop {
-            let (read, mut kept) = (self.source.read(buffer)?, 0);
-            if !self.after_return && !buffer[..read].contains(&b'\r') {
-                return Ok(read);
+            let bytes = self.source.fill_buf()?;
+            let length = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r'));
+            let part = &bytes[..length.unwrap_or(bytes.len())];
+            if self.line.len() + part.len() > MAX_LINE {
+                return Err(io::Error::other(format!("longer than {MAX_LINE} bytes")));
             }
-            for at in 0..read {
-                let byte = buffer[at];
-                if !(byte == b'\n' && self.after_return) {
-                    buffer[kept] = if byte == b'\r' { b'\n' } else { byte };
-                    kept += 1;
-                }
-                self.after_return = byte == b'\r';
+            self.line.extend(part);
+            let end = bytes.get(part.len()).copied();
+            let is_last = bytes.is_empty();
+            let read = part.len() + usize::from(end.is_some());
+            self.source.consume(read);
+            if end == Some(b'\r') && self.source.fill_buf()?.starts_with(b"\n") {
+                self.source.consume(1);
             }
-            if kept > 0 || read == 0 {
-                return Ok(kept);
+            if end.is_some() || is_last {
+                return Ok(true);
             }
         }
     }
@@ -61,12 +79,12 @@ pub fn open(path: &Path) -> io::Result<Box<dyn Read>> {
 }
 
 /// Why a mesh with more triangles than `most` is refused.
-pub fn too_many_triangles(most: usize) -> String {
-    if most == MAX_TRIANGLES {
-        format!("more than {most} triangles; at most that is read")
+pub fn too_many_triangles(max: usize) -> String {
+    if max == MAX_TRIANGLES {
+        format!("more than {max} triangles; at most that is read")
     } else {
         format!(
-            "more than {most} triangles, which the scene's other objects leave of {MAX_TRIANGLES}"
+            "more than {max} triangles, which the scene's other objects leave of {MAX_TRIANGLES}"
         )
     }
 }

@@ -206,9 +206,9 @@ fn untwist(frames: &mut [(DVec3, DVec3)], axis: DVec3) {
     let n = frames.len() as f64;
     let (first, last) = (frames[0], frames[frames.len() - 1]);
     let side = last.0.reject_from(axis).normalize_or(first.0);
-    let turn = first.0.dot(axis.cross(side)).atan2(first.0.dot(side));
+    let angle = first.0.dot(axis.cross(side)).atan2(first.0.dot(side));
     for (i, (side, up)) in frames.iter_mut().enumerate() {
-        let (sin, cos) = (turn * i as f64 / n).sin_cos();
+        let (sin, cos) = (angle * i as f64 / n).sin_cos();
         (*side, *up) = (cos * *side + sin * *up, cos * *up - sin * *side);
     }
 }
@@ -237,9 +237,9 @@ pub fn scaled(mesh: Mesh, factor: f64) -> Mesh {
 pub fn bar(from: impl Into<DVec3>, to: impl Into<DVec3>, thickness: f64) -> Mesh {
     let from = from.into();
     let along = to.into() - from;
-    let turn = DQuat::from_rotation_arc(DVec3::Y, along.normalize_or(DVec3::Y));
+    let rotation = DQuat::from_rotation_arc(DVec3::Y, along.normalize_or(DVec3::Y));
     block(thickness, along.length(), thickness)
-        .transformed(&DMat4::from_rotation_translation(turn, from))
+        .transformed(&DMat4::from_rotation_translation(rotation, from))
 }
 
 pub fn merged(meshes: impl IntoIterator<Item = Mesh>) -> Mesh {

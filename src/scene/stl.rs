@@ -1,11 +1,11 @@
 //! STL files, ASCII and binary. Corners at one place are one vertex. The normals of facets are not read: they follow from the triangles.
 
 use std::collections::HashMap;
-use std::io::{self, Cursor, Read};
+use std::io::Read;
 
 use super::Mesh;
-use super::read::{self, MAX_VERTICES, text_of};
-use fathom_base::input::{BYTE_ORDER_MARK, LineEnd, next_line};
+use super::read::{self, LineReader, MAX_VERTICES};
+use fathom_base::input::BYTE_ORDER_MARK;
 use fathom_base::text::excerpt;
 
 /// Bytes before the triangles of a binary file, and of one triangle.
@@ -13,29 +13,26 @@ const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 /// Bytes by which the two kinds are told apart: binary files may begin with `solid` too.
 const START: u64 = 1024;
-/// Longest line of an ASCII file, bytes.
-const MAX_LINE: usize = 1 << 12;
 
 /// Reads the triangles of a file, of at most `triangles`.
 pub fn read(
-    mut file: Box<dyn Read>,
+    file: &mut dyn Read,
     triangles: usize,
     notes: &mut Vec<String>,
 ) -> Result<Mesh, String> {
     let mut start = Vec::new();
-    (&mut file).take(START).read_to_end(&mut start).map_err(|error| error.to_string())?;
+    file.take(START).read_to_end(&mut start).map_err(|error| error.to_string())?;
     let words = String::from_utf8_lossy(&start).to_ascii_lowercase();
     let is_solid = words.trim_start_matches(BYTE_ORDER_MARK).trim_start().starts_with("solid");
     let is_text = is_solid && (words.contains("facet") || words.contains("endsolid"));
-    let mut facets = Facets { most_corners: triangles.saturating_mul(3), ..Facets::default() };
-    let file = Box::new(Cursor::new(start).chain(file));
+    let mut facets = Facets { triangles, ..Facets::default() };
+    let mut file = start.chain(file);
     if is_text {
-        facets.read_text(file)?;
+        let mut lines = LineReader::new(&mut file)?;
+        let read = facets.read_text(&mut lines);
+        read.map_err(|what| format!("line {}: {what}", lines.number))?;
     } else {
-        facets.read_binary(file, notes).map_err(|error| error.to_string())?;
-    }
-    if facets.corners.len() > facets.most_corners {
-        return Err(read::too_many_triangles(triangles));
+        facets.read_binary(&mut file, notes)?;
     }
     Ok(Mesh::smooth(facets.positions, facets.corners))
 }
@@ -47,11 +44,15 @@ struct Facets {
     positions: Vec<[f32; 3]>,
     /// Three of each triangle.
     corners: Vec<u32>,
-    most_corners: usize,
+    /// Most that are read.
+    triangles: usize,
 }
 
 impl Facets {
     fn add(&mut self, position: [f32; 3]) -> Result<(), String> {
+        if self.corners.len() == self.triangles.saturating_mul(3) {
+            return Err(read::too_many_triangles(self.triangles));
+        }
         // −0 is 0.
         let position = position.map(|c| c + 0.0);
         let next = self.positions.len();
@@ -64,53 +65,33 @@ impl Facets {
         Ok(())
     }
 
-    fn read_binary(&mut self, mut file: impl Read, notes: &mut Vec<String>) -> io::Result<()> {
-        let ended =
-            |what: String| move |error| io::Error::other(format!("{error}, reading {what}"));
+    fn read_binary(&mut self, file: &mut dyn Read, notes: &mut Vec<String>) -> Result<(), String> {
         let mut start = [0; HEADER];
-        file.read_exact(&mut start).map_err(ended("the header of a binary STL file".to_owned()))?;
+        let header = file.read_exact(&mut start);
+        header.map_err(|error| format!("{error}, reading the header of a binary STL file"))?;
         let count = u32::from_le_bytes([80, 81, 82, 83].map(|at| start[at]));
         let mut has_attributes = false;
         for number in 0..count {
             let mut facet = [0; TRIANGLE];
-            let what = format!("triangle {number} of {count}");
-            file.read_exact(&mut facet).map_err(ended(what))?;
+            let read = file.read_exact(&mut facet);
+            read.map_err(|error| format!("{error}, reading triangle {number} of {count}"))?;
             // Behind the normal.
             for corner in facet[12..48].chunks(12) {
                 let number = |at: usize| f32::from_le_bytes([0, 1, 2, 3].map(|i| corner[at + i]));
-                self.add([0, 4, 8].map(number)).map_err(io::Error::other)?;
+                self.add([0, 4, 8].map(number))?;
             }
             has_attributes |= facet[48..] != [0; 2];
-            if self.corners.len() > self.most_corners {
-                return Ok(());
-            }
         }
         notes.extend(has_attributes.then(|| "colours of triangles are not read".to_owned()));
-        // To the end of the archive, whose checksum stands there.
-        io::copy(&mut file, &mut io::sink()).map(drop)
+        Ok(())
     }
 
-    fn read_text(&mut self, file: Box<dyn Read>) -> Result<(), String> {
-        let mut source = text_of(file).map_err(|error| error.to_string())?;
-        let mut line = Vec::new();
-        for number in 1.. {
-            let fault = |what: String| format!("line {number}: {what}");
-            let end = next_line(&mut source, MAX_LINE, &mut line);
-            match end.map_err(|error| fault(error.to_string()))? {
-                Some(LineEnd::TooLong) => {
-                    return Err(fault(format!("longer than {MAX_LINE} bytes")));
-                }
-                Some(_) => self.read_line(&String::from_utf8_lossy(&line)).map_err(fault)?,
-                None if !self.corners.len().is_multiple_of(3) => {
-                    return Err(fault("the file ends within a facet".to_owned()));
-                }
-                None => break,
-            }
-            if self.corners.len() > self.most_corners {
-                break;
-            }
+    fn read_text(&mut self, lines: &mut LineReader<'_>) -> Result<(), String> {
+        while lines.next()? {
+            self.read_line(&String::from_utf8_lossy(&lines.line))?;
         }
-        Ok(())
+        let is_whole = self.corners.len().is_multiple_of(3);
+        is_whole.then_some(()).ok_or_else(|| "the file ends within a facet".to_owned())
     }
 
     fn read_line(&mut self, line: &str) -> Result<(), String> {
@@ -122,10 +103,13 @@ impl Facets {
                 let position = numbers.try_into().map_err(|_| "a vertex has three coordinates")?;
                 self.add(position)
             }
-            "endloop" if !self.corners.len().is_multiple_of(3) => {
+            // Some write `end solid`.
+            "endloop" | "end" if !self.corners.len().is_multiple_of(3) => {
                 Err("a facet has three corners".to_owned())
             }
-            "" | "solid" | "facet" | "outer" | "endloop" | "endfacet" | "endsolid" => Ok(()),
+            "" | "solid" | "facet" | "outer" | "endloop" | "endfacet" | "endsolid" | "end" => {
+                Ok(())
+            }
             other => Err(format!("`{}` begins no line of an STL file", excerpt(other))),
         }
     }

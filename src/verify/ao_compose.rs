@@ -121,9 +121,9 @@ impl LitSurfaces<'_> {
         };
         let light = &self.known.light;
         let to_light = light.to_light(seen.position);
-        let half_way = (to_light - self.known.sight(at)).normalize();
+        let half_vector = (to_light - self.known.sight(at)).normalize();
         // Blinn and Phong's lobe of a total near 1, (s + 8) / 8π (Real-Time Rendering, 3rd edition, chapter 7).
-        let lobe = (gloss + 8.0) / (8.0 * PI) * seen.normal.dot(half_way).max(0.0).powf(gloss);
+        let lobe = (gloss + 8.0) / (8.0 * PI) * seen.normal.dot(half_vector).max(0.0).powf(gloss);
         let specular = self.known.normal.get(at).w;
         let cosine = seen.normal.dot(to_light).max(0.0);
         let radiance = |share: f64| {

@@ -98,7 +98,7 @@ impl<'a> Composed<'a> {
             PhotonLight::Conserving => [0.3, 0.5, 1.0],
             _ => [0.3, 1.0, 1.0],
         };
-        let light = |seed, most: f64| noise(BUFFER, seed).map(|value| most * value);
+        let light = |seed, max: f64| noise(BUFFER, seed).map(|value| max * value);
         let water = &known.fixture.scene.water;
         // The diagonals of the stage's quads, from the upper right to the lower left.
         let grid = surface((CELLS as usize, CELLS as usize), (false, false), |u, v| {
@@ -210,8 +210,8 @@ impl<'a> Composed<'a> {
             None => DVec3::ZERO,
         };
         let radiance = reflected * mirrored + (1.0 - reflected) * through;
-        let way_m = if under { place.distance(light.camera_m) } else { 0.0 };
-        light.fogged(radiance, way_m)
+        let path_m = if under { place.distance(light.camera_m) } else { 0.0 };
+        light.fogged(radiance, path_m)
     }
 
     /// What caustics add to what is seen through the water from above.
@@ -281,12 +281,12 @@ impl<'a> Composed<'a> {
         let radius_px = 0.5 * f64::from(SIZE[1]) * RADIUS_M / (view_m * half_height);
         // Interleaved gradient noise (Jimenez 2014), and a spiral of golden angles.
         let gradient = 0.067_110_56 * f64::from(at.0) + 0.005_837_15 * f64::from(at.1);
-        let turn = TAU * (52.982_918_9 * gradient.fract()).fract();
+        let angle = TAU * (52.982_918_9 * gradient.fract()).fract();
         let golden = PI * (3.0 - 5f64.sqrt());
         let mut blocked = [0.0; 2];
         for i in (0..taps).map(f64::from) {
             let r_px = radius_px * ((i + 0.5) / f64::from(taps)).sqrt();
-            let px = rig::middle(at) + r_px * DVec2::from_angle(i * golden + turn);
+            let px = rig::middle(at) + r_px * DVec2::from_angle(i * golden + angle);
             // Rounding of the turn in f32: 5e-4 rad.
             let around =
                 SHIFTS_PX.map(|shift| self.blocked(seen, px + 0.016 * r_px * DVec2::from(shift)));

@@ -101,7 +101,7 @@ impl EffectCase {
             };
             known.insert(control, figures);
         }
-        let check = |(error, most, control): &(String, f64, String)| {
+        let check = |(error, max, control): &(String, f64, String)| {
             let (name, stored) = error.split_once('=').unwrap_or((error, ""));
             let of = |set: &str| {
                 let found = known[set].get(name).copied().unwrap_or(f64::NAN);
@@ -110,7 +110,7 @@ impl EffectCase {
             let unit = ["m", "deg"].into_iter().find(|unit| name.ends_with(&format!("_{unit}")));
             let seed = if *draws > 0 { format!(", seed {SEED}") } else { String::new() };
             Check::new(rig, format!("{what}{seed}: {error}"))
-                .within((*most, unit.unwrap_or("1")), of(""))
+                .within((*max, unit.unwrap_or("1")), of(""))
                 .control(control, of(control))
         };
         Ok(checks.iter().map(check).collect())

@@ -108,8 +108,8 @@ impl<'a> Blended<'a> {
             let first_m = tracer.cast(origin, direction, 0.0, length_m)?.distance_m;
             let hit = tracer.cast(origin, direction, number * (first_m + 1e-6), length_m)?;
             let depth_m = (hit.position - camera.position()).dot(camera.direction());
-            let turned = -hit.shading_normal.dot(direction).signum();
-            let lit = AMBIENT + (turned * hit.shading_normal).dot(to_light).max(0.0);
+            let facing = -hit.shading_normal.dot(direction).signum();
+            let lit = AMBIENT + (facing * hit.shading_normal).dot(to_light).max(0.0);
             let radiance = f64::from(grey as f32) / PI * lit * self.view.irradiance();
             let shown = tone_mapped(radiance, EXPOSURE);
             (depth_m < self.wall_m).then_some((depth_m, f64::from(alpha as f32), shown))

@@ -84,14 +84,14 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
     let plane = built(rig, camera.clone(), vec![floor.clone()])?;
     let corner = built(rig, camera, vec![floor, wall])?;
 
-    let most = |fixture: &Fixture| -> Result<f64> {
+    let max = |fixture: &Fixture| -> Result<f64> {
         let found = shade(rig, fixture, &rig.gbuffer(fixture)?, &dense(), Obscurity::Hard)?;
         Ok(largest(found.data().iter().copied()))
     };
     let checks = vec![
         Check::new(rig, "largest occlusion of a plane by itself")
-            .within((PLANE, "1"), most(&plane)?)
-            .control("a wall stands on it", most(&corner)?),
+            .within((PLANE, "1"), max(&plane)?)
+            .control("a wall stands on it", max(&corner)?),
         behind_a_plate(rig)?,
     ];
     let exact = |hit: &Hit, r_max_m: f64, attenuation| {
@@ -127,15 +127,15 @@ fn behind_a_plate(rig: &Rig<'_>) -> Result<Check> {
     plate.mesh.positions.iter_mut().for_each(|position| position[1] += 1.8);
     let fixture = built(rig, camera([0.6, 3.0, 0.4], [0.0; 3]), vec![floor, plate])?;
     let gbuffer = rig.gbuffer(&fixture)?;
-    let most = |r_max_m: f32| -> Result<f64> {
+    let max = |r_max_m: f32| -> Result<f64> {
         let settings = HorizonUniforms { r_max_m, ..dense() };
         let found = shade(rig, &fixture, &gbuffer, &settings, Obscurity::Hard)?;
         let is_floor = |at: &(u32, u32)| fixture.hit(*at).is_some_and(|hit| hit.object == 0);
         Ok(largest(pixels(SIZE).filter(is_floor).map(|at| found.get(at))))
     };
     Ok(Check::new(rig, "a plate out of reach before a plane: largest occlusion of the plane")
-        .within((PLANE, "1"), most(1.0)?)
-        .control("within reach", most(2.5)?))
+        .within((PLANE, "1"), max(1.0)?)
+        .control("within reach", max(2.5)?))
 }
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {

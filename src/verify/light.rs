@@ -46,7 +46,7 @@ fn look_at(rig: &Rig<'_>) -> Checks {
     let off = |photons_fitted: bool| {
         let frame = View { photons_fitted, ..rig::view(&scene, VIEW) }.uniforms();
         let difference = (frame.photon_grid - frame.light_inverse).to_cols_array();
-        f64::from(difference.into_iter().fold(0.0, |most: f32, of| most.max(of.abs())))
+        f64::from(difference.into_iter().fold(0.0, |max: f32, of| max.max(of.abs())))
     };
     checks.push(
         Check::new(rig, "photons of the whole frustum: largest difference of its matrix")

@@ -189,12 +189,12 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
         let rays = PixelRays::of_matrix(matrix, buffer[0], buffer[1]);
         let ends = [photon.entry(), photon.hit()];
         let line = ScreenSegment::new(ends, &rays).ok_or_else(|| rig.empty("scattered light"))?;
-        let (way, pixel) = (ends[1] - ends[0], view.pixel_tangent(buffer).powi(2));
+        let (segment, pixel) = (ends[1] - ends[0], view.pixel_tangent(buffer).powi(2));
         let image = rig.channel(&pipeline.godrays.drawn.texture, 0)?;
         let brought = |(x, y): (u32, u32)| {
             let (start, ..) = line.place(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
             let place = line.place_m(start / line.length_px());
-            let [at, next] = [place, place + way.normalize() * 1e-4]
+            let [at, next] = [place, place + segment.normalize() * 1e-4]
                 .map(|place| params.camera.view().transform_point3(place));
             let turn = (at.truncate() / at.z).distance(next.truncate() / next.z) / 1e-4;
             let (z, cos) = (-at.z, -at.z / at.length());
@@ -204,7 +204,7 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
         };
         let lit = || pixels(buffer).filter(|at| image.get(*at) > 0.0).map(brought);
         let flux_w = number("photons", "flux_w");
-        let exact = params.godrays.scattering_per_m * flux_w * way.length() / (4.0 * PI);
+        let exact = params.godrays.scattering_per_m * flux_w * segment.length() / (4.0 * PI);
         Ok([0, 1].map(|rule| relative_error(lit().map(|both| both[rule]).sum(), exact)))
     };
     let errors: Vec<_> = BUFFERS.into_iter().zip(EYES).map(errors).collect::<Result<_>>()?;

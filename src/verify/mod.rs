@@ -286,9 +286,9 @@ pub struct CheckTable<'a>(pub &'a [Check]);
 
 impl fmt::Display for CheckTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let width = |text: fn(&Check) -> &str, least: usize| {
+        let width = |text: fn(&Check) -> &str, min: usize| {
             let widths = self.0.iter().map(|check| text(check).chars().count());
-            widths.fold(least, usize::max)
+            widths.fold(min, usize::max)
         };
         let (stage, what) = (width(|c| c.stage, 5), width(|c| &c.what, 5));
         writeln!(

@@ -52,8 +52,8 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let light = &known.light;
     let unlike = |tiles: f64| {
         share_unlike(&shown, |at| {
-            let way_m = known.seen(at).map(|seen| seen.position.distance(light.camera_m));
-            let is_glass = glass_m(at) > 0.0 && way_m.is_none_or(|way_m| glass_m(at) < way_m);
+            let distance_m = known.seen(at).map(|seen| seen.position.distance(light.camera_m));
+            let is_glass = glass_m(at) > 0.0 && distance_m.is_none_or(|m| glass_m(at) < m);
             let direction = if is_glass { directions.get(at).truncate() } else { known.sight(at) };
             let behind = environment(direction, tiles) * light.irradiance / PI;
             let radiance = known.seen(at).filter(|_| !is_glass).map_or(behind, |seen| {
@@ -242,14 +242,14 @@ impl WetFloor<'_> {
         let origin = self.fixture.scene.camera.position();
         let under = origin.y < 0.0;
         let shown = gradient(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let Some((entry, normal, way_m)) = met else {
+        let Some((entry, normal, distance_m)) = met else {
             let path_m = floor_m?;
             return Some(if under { self.through(shown, path_m) } else { shown });
         };
         let [before, behind] = if under { [self.index, 1.0] } else { [1.0, self.index] };
         // What ends out of view is taken from straight behind the surface.
         let straight = match floor_m {
-            Some(floor_m) => self.through(shown, floor_m - way_m),
+            Some(floor_m) => self.through(shown, floor_m - distance_m),
             None => self.through(0.0, self.fixture.scene.camera.z_far_m),
         };
         let reflected = fresnel_reflectance(sight.dot(normal).abs(), before, behind);
@@ -261,7 +261,7 @@ impl WetFloor<'_> {
         if let Some(refracted) = refract(sight, normal, before, behind) {
             radiance += (1.0 - reflected) * self.along(entry, refracted, straight)?;
         }
-        Some(if under { self.through(radiance, way_m) } else { radiance })
+        Some(if under { self.through(radiance, distance_m) } else { radiance })
     }
 
     fn along(&self, place: DVec3, direction: DVec3, straight: f64) -> Option<f64> {

@@ -83,12 +83,12 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let known = NoisySurfaces::new(rig, &seen.fixture, |_| DVec3::ZERO)?;
     // In turns the pixels' rays end half way to the light, behind it, nowhere, and on the place's own triangle. Behind a directional light, which
     // stands nowhere, they are in shadow too.
-    let turn = |(x, y): (u32, u32)| (x + SIZE[0] * y) % 4;
+    let case = |(x, y): (u32, u32)| (x + SIZE[0] * y) % 4;
     let photon = |at: (u32, u32)| {
         let place = known.seen(at).map_or(DVec3::ZERO, |seen| seen.position);
         let light_m = known.light.lamp_m.map_or(4e3, |lamp| lamp.distance(place));
-        let end = rig::photon(place, place, [0.5, 1.5, 0.0, 0.0][turn(at) as usize] * light_m);
-        match turn(at) {
+        let end = rig::photon(place, place, [0.5, 1.5, 0.0, 0.0][case(at) as usize] * light_m);
+        match case(at) {
             2 => Photon { fate: OUTSIDE, ..end },
             3 => Photon { fate: MISSED, ..end },
             _ => end,
@@ -101,7 +101,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let error = |sky: f64| {
         largest_excess(&shown, |at| {
             let radiance = known.seen(at).map_or(light.sky(known.sight(at)), |place| {
-                let is_lit = turn(at) == 2 || turn(at) == 1 && kind == LightKind::Point;
+                let is_lit = case(at) == 2 || case(at) == 1 && kind == LightKind::Point;
                 let cosine = place.normal.dot(light.to_light(place.position)).max(0.0);
                 let sun = if is_lit { light.irradiance * cosine } else { 0.0 };
                 place.lit(DVec3::splat(sun + sky * light.dry_ambient(place.normal)))

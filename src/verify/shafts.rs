@@ -68,8 +68,8 @@ impl ShaftLine {
     fn intensity(&self, pixel: (u32, u32), gamma_per_m: f64, light: &PictureLight) -> f64 {
         let [start, end] = self.ends_m;
         let place = start.lerp(end, self.share_at(pixel));
-        let way_m = BEFORE_M + start.distance(place) + light.wet_m(place);
-        PHOTON_W * WEIGHT * transmittance(gamma_per_m, way_m)
+        let path_m = BEFORE_M + start.distance(place) + light.wet_m(place);
+        PHOTON_W * WEIGHT * transmittance(gamma_per_m, path_m)
     }
 }
 

@@ -154,7 +154,7 @@ fn draw(
     let size = SplatSize::new(min_px, max_px, view.camera.z_near_m, view.camera.z_far_m);
     // a and b of the size rule from two of its values: s = a + b / d.
     let b = (size.size_px(1.0) - size.size_px(2.0)) * 2.0;
-    let most = [max_px, min_px]
+    let contributions = [max_px, min_px]
         .map(|side_px| splat_value(rules.conserving, rules.photon_w, 0.0, 0.0, side_px));
     let settings = SplatUniforms {
         size_px: view.size_px.as_vec2(),
@@ -162,7 +162,7 @@ fn draw(
         size_b_px_m: b as f32,
         photon_w: rules.photon_w as f32,
         depth_bias_m: rules.bias_m as f32,
-        steps: splat::steps(most),
+        steps: splat::steps(contributions),
         photons: photons.len() as u32,
         photons_per_instance: PHOTONS_PER_INSTANCE,
     };
@@ -282,16 +282,18 @@ fn depth_test(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
         .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?))
 }
 
+/// Photons at places of a random share, 0 to 1, and height.
+fn photons_at(random: &mut Random, place: impl Fn(f64, f64) -> DVec3) -> Vec<Photon> {
+    let photon = |_| {
+        let hit = place(random.number(), random.within(-0.8, 0.8));
+        rig::photon(hit + DVec3::Y, hit, 1.0)
+    };
+    (0..200).map(photon).collect()
+}
+
 /// Splats at the edge of a wall leave one behind it dark, and those on a slanted wall are not hidden by it.
 fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
     let mut random = Random::new(17);
-    let mut photons = |place: &dyn Fn(f64, f64) -> DVec3| -> Vec<Photon> {
-        let mut photon = || {
-            let hit = place(random.number(), random.within(-0.8, 0.8));
-            rig::photon(hit + DVec3::Y, hit, 1.0)
-        };
-        (0..200).map(|_| photon()).collect()
-    };
     let drawn = |fixture: &Fixture, photons: &[Photon], coverage: SplatCoverage, bias_m: f64| {
         let depth = rig.gbuffer(fixture)?.depth;
         let image =
@@ -299,7 +301,7 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
         Ok::<_, VerifyError>((image, rig.channel(&depth, 0)?))
     };
     let (walls, between) = rig.two_walls(SIZE, [3.0, 4.0], [DVec3::Z; 2])?;
-    let at_edge = photons(&|share, y| DVec3::new(-0.02 - 0.01 * share, y, -3.0));
+    let at_edge = photons_at(&mut random, |share, y| DVec3::new(-0.02 - 0.01 * share, y, -3.0));
     let leak = |coverage: SplatCoverage| -> Result<f64> {
         let (image, depth) = drawn(&walls, &at_edge, coverage, 0.3)?;
         let behind = pixels(SIZE).filter(|at| depth.get(*at) > between);
@@ -310,8 +312,9 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
     let wall = Mesh::parallelogram(DVec3::NEG_Z * 3.0, 9.0 * DVec3::X, 9.0 * slope);
     scene.objects = vec![Object::new("wall", wall)];
     let slanted = rig.fixture(scene, SIZE)?;
-    let on_slope =
-        photons(&|share, y| DVec3::NEG_Z * 3.0 + (2.0 * share - 1.0) * DVec3::X + y * slope);
+    let on_slope = photons_at(&mut random, |share, y| {
+        DVec3::NEG_Z * 3.0 + (2.0 * share - 1.0) * DVec3::X + y * slope
+    });
     let whole = draw_free(rig, &slanted.view, &on_slope, &rules)?;
     let hidden = |coverage: SplatCoverage| -> Result<f64> {
         Ok(difference(&drawn(&slanted, &on_slope, coverage, 0.01)?.0, &whole))
@@ -320,14 +323,14 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
     let mut scene = walls.scene.clone();
     let behind = DVec3::new(0.5, 0.0, 3f64.sqrt() / 2.0);
     scene.objects[1].mesh = Mesh::parallelogram(DVec3::NEG_Z * 4.0, 9.0 * behind, 9.0 * DVec3::Y);
-    let turned = rig.fixture(scene, SIZE)?;
+    let rotated = rig.fixture(scene, SIZE)?;
     let across = |far_m: f64| -> Vec<Photon> {
         let hit = |i: i32| DVec3::new(-0.0202 - far_m, 0.004 * f64::from(i), -3.0);
         (-200..200).map(|i| rig::photon(hit(i) + DVec3::Y, hit(i), 1.0)).collect()
     };
     let (level, depth) = drawn(&walls, &across(0.0), SplatCoverage::Surface, 0.01)?;
     let unlike = |far_m: f64| -> Result<f64> {
-        let (image, _) = drawn(&turned, &across(far_m), SplatCoverage::Surface, 0.01)?;
+        let (image, _) = drawn(&rotated, &across(far_m), SplatCoverage::Surface, 0.01)?;
         let near = pixels(SIZE).filter(|at| depth.get(*at) < between);
         Ok(near.map(|at| (image.get(at) - level.get(at)).abs()).sum::<f64>() / level.sum())
     };

@@ -8,7 +8,7 @@ pub use fathom_base::statistics::mean;
 /// The largest of errors; not a number where one is none or there is nothing to compare, so that no check passes by it.
 pub fn largest(errors: impl IntoIterator<Item = f64>) -> f64 {
     let worse = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
-    errors.into_iter().reduce(worse).map_or(f64::NAN, |most| worse(most, 0.0))
+    errors.into_iter().reduce(worse).map_or(f64::NAN, |max| worse(max, 0.0))
 }
 
 /// A percentile of errors; not a number for none.

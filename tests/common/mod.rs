@@ -294,10 +294,11 @@ pub fn measured(cell: &Cell) -> &Measured {
     cell.measured().unwrap_or_else(|| panic!("{:?}", cell.outcome))
 }
 
-/// The same command begun by a script of the shell, in which `"$0" "$@"` stands for it.
-pub fn by_shell(script: &str, command: &Command) -> Command {
+/// The same command, which can write no file beyond so many blocks of 512 bytes. So it fails at a moment that rests on no clock.
+pub fn failing_beyond(blocks: u64, command: &Command) -> Command {
     let mut shell = Command::new("sh");
-    shell.args(["-c", script]).arg(command.get_program()).args(command.get_args());
+    shell.args(["-c", &format!("ulimit -f {blocks}; exec \"$0\" \"$@\"")]);
+    shell.arg(command.get_program()).args(command.get_args());
     for (name, value) in command.get_envs() {
         match value {
             Some(value) => shell.env(name, value),
@@ -306,9 +307,4 @@ pub fn by_shell(script: &str, command: &Command) -> Command {
     }
     shell.current_dir(command.get_current_dir().unwrap_or(Path::new(".")));
     shell
-}
-
-/// The same command, which can write no file beyond so many blocks of 512 bytes. So it fails at a moment that rests on no clock.
-pub fn failing_beyond(blocks: u64, command: &Command) -> Command {
-    by_shell(&format!("ulimit -f {blocks}; exec \"$0\" \"$@\""), command)
 }

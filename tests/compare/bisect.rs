@@ -119,36 +119,23 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
     holds(&other.err, &["was begun with other settings: ", "`batch` was 4 and is now 8"]);
 }
 
-/// The good revision is a release of another branch: what it has in common with the bad one is good.
+/// The good revision is a release of another branch: what it has in common with the bad one is good. A cell that became less accurate is searched
+/// by bisection, with a launch for each revision.
 #[test]
 fn a_good_revision_of_another_branch_begins_the_search_where_they_part() {
-    let history = Commits::with_commits(4, |place, number| {
-        let error = if number < 2 { "0.01" } else { "0.02" };
-        Script { error, ..Script::default() }.write(&place.path(""), "worker.sh");
-        place.write("cells.toml", CELLS);
-    });
-    history.git(&["checkout", "--quiet", "-b", "release", "HEAD~3"]);
-    history.git(&["commit", "--quiet", "--allow-empty", "--message=Release"]);
-    let words =
-        "bisect --good release --bad master --gates exact --cells-file cells.toml --out out";
-    let mut command = history.fathom(words);
-    let output = command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]).ends(0);
-    holds(&output.out, &["first revision: ", "Change 2 ", "3 revisions"]);
-    holds(&output.err, &[" is of another branch: the search begins where they part, at "]);
-}
-
-#[test]
-fn a_cell_that_became_less_accurate_is_searched_by_bisection() {
     let history = Commits::with_commits(9, |place, number| {
         let error = if number < 5 { "0.01" } else { "0.02" };
         Script { error, ..Script::default() }.write(&place.path(""), "worker.sh");
         place.write("cells.toml", CELLS);
     });
-    let words = "bisect --good HEAD~8 --gates exact --cells-file cells.toml --out out";
+    history.git(&["checkout", "--quiet", "-b", "release", "HEAD~8"]);
+    history.git(&["commit", "--quiet", "--allow-empty", "--message=Release"]);
+    let words =
+        "bisect --good release --bad master --gates exact --cells-file cells.toml --out out";
     let mut command = history.fathom(words);
-    command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]);
-    let output = command.ends(0).out;
-    holds(&output, &["first revision: ", "Change 5 ", "an_error", "8 revisions, 4 launches"]);
+    let output = command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]).ends(0);
+    holds(&output.out, &["first revision: ", "Change 5 ", "an_error", "8 revisions, 4 launches"]);
+    holds(&output.err, &[" is of another branch: the search begins where they part, at "]);
 }
 
 #[test]

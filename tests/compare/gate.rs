@@ -1,23 +1,15 @@
-//! The time gate on real processes: workers of this build on a software driver.
+//! Workers of this build on a software driver. The time gate between real workers is run in `examples/own_pipeline` and `examples/own_program`.
 
-use std::convert::Infallible;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
-use fathom::compare::bench::Processes;
-use fathom::compare::launch::{Quiet, ReplyWait, WorkerProcess, WorkerStart, allowed_cores};
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
-use fathom::compare::rounds::{self, EarlierLaunches};
-use fathom::compare::store::Comparison;
-use fathom::compare::time;
-use fathom::judge::schedule::GateSchedule;
-use fathom::record::Record;
-use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings};
+use fathom::compare::worker_process::{
+    Quiet, ReplyWait, WorkerProcess, WorkerStart, allowed_cores,
+};
+use fathom::record::comparison::CellSubject;
 use serde_json::{Map, json};
 
 use super::common::{Ends, sets};
-
-static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn fathom() -> WorkerStart {
     WorkerStart::new(Path::new(env!("CARGO_BIN_EXE_fathom")))
@@ -36,47 +28,8 @@ fn plane() -> GateConfiguration {
     }
 }
 
-fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> GateSchedule {
-    let cells: Vec<CellId> = cells.iter().map(|(id, stage)| CellId::new(id, stage)).collect();
-    GateSchedule { control: cells.first().cloned(), cells, launches, pairs, seed: 3, second: false }
-}
-
-fn measure(bench: &mut Processes, schedule: &GateSchedule) -> Vec<Compared> {
-    let mut lines = Vec::new();
-    let sink = |more: Vec<Compared>| -> Result<(), Infallible> {
-        lines.extend(more);
-        Ok(())
-    };
-    let Ok(()) = rounds::run(schedule, bench, &EarlierLaunches::default(), &NEVER, sink);
-    lines
-}
-
 fn sample(config: &str, stage: &str, frames: u32) -> WorkerRequest {
     WorkerRequest::Sample { config: config.to_owned(), stage: stage.to_owned(), frames }
-}
-
-#[test]
-fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
-    let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, ReplyWait::SILENT).unwrap();
-    let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 1, 4);
-    let mut lines = vec![Compared::Header(Box::default())];
-    lines.extend(measure(&mut bench, &schedule));
-    let measured = Comparison::from_records(lines.into_iter().map(Record::from)).unwrap();
-    let Comparison { pairs, faults, launches, .. } = measured;
-    assert_eq!(faults, []);
-    assert_eq!(launches.len(), 1);
-    assert_eq!(pairs.len(), 4 * 3, "four rounds, two cells and the control");
-    assert!(pairs.iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
-    assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 4);
-    if cfg!(target_os = "linux") && bench.sides[0].adapter.software {
-        assert!(launches.iter().all(|launch| launch.core.is_some()));
-    }
-    let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
-    assert_eq!(judged.cells.len(), 2);
-    assert!(
-        judged.cells.iter().all(|cell| cell.launches.len() == 1 && cell.change.median.is_finite())
-    );
-    assert!(judged.controls.len() == 1);
 }
 
 #[test]

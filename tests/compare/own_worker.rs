@@ -9,16 +9,6 @@ fn example() -> PathBuf {
 }
 
 #[test]
-fn a_program_of_another_language_is_compared_by_its_times_alone() {
-    let place = Place::new();
-    let worker = format!("python3 '{}' --counted", example().join("worker.py").display());
-    let mut compare = place.fathom("compare --launches 10 --pairs 2 --out out --cells-file");
-    compare.arg(example().join("cells.toml")).args(["--base-cmd", &worker]);
-    compare.args(["--head-cmd", &format!("{worker} --turns 1.05")]);
-    holds(&compare.ends(1).out, &["regression", "2 slower", "+5.0 %", "knows no such gate"]);
-}
-
-#[test]
 fn a_command_whose_program_was_replaced_is_not_resumed() {
     let place = Place::new();
     let script = std::fs::read_to_string(example().join("worker.py")).unwrap();

@@ -66,18 +66,6 @@ fn a_hook_of_git_commits_what_it_was_told_to() {
     }
 }
 
-#[test]
-fn a_crate_without_the_program_is_told_where_other_programs_go() {
-    let history = Commits::with_commits(2, |place, _| {
-        place.write("Cargo.toml", MANIFEST.replace("\"fathom\"", "\"mine\""));
-        place.write("Cargo.lock", LOCK.replace("\"fathom\"", "\"mine\""));
-        place.write("main.rs", "fn main() {}\n");
-    });
-    let told = history.fathom("compare --base HEAD~1").ends(2).err;
-    let reason = "`HEAD~1` has no program `fathom`, which is what `--base` builds: other programs are compared by --base-cmd";
-    holds(&told, &[reason]);
-}
-
 /// The head's list of cells lacks one of the base's and has another.
 #[test]
 fn the_first_line_names_commits_ways_to_build_and_cells_of_one_side() {

@@ -32,7 +32,7 @@ pub fn build(label: &str) -> ComparedBuild {
     ComparedBuild {
         label: label.to_owned(),
         version: "0.1.0".to_owned(),
-        protocol: Some(1),
+        protocol: 1,
         digest: format!("digest of {label}"),
         ..Default::default()
     }

@@ -31,7 +31,7 @@ FAULTS = [
      "three(share * 100.0)", "three(share * 1000.0)", LIB, "shares_are_told_in_percent"),
     ("compare: a resumed comparison takes any settings", "src/compare/settings.rs",
      "before.get(*name) != asked.get(*name)", "asked.get(*name).is_some_and(Value::is_null)", LIB, "whatever_differs_is_refused"),
-    ("compare: pairs that name the wrong side as first", "src/compare/rounds.rs",
+    ("compare: pairs that name the wrong side as first", "src/compare/launches.rs",
      "first: if base_first { Side::Base }", "first: if !base_first { Side::Base }", LIB, "the_two_samples_of_a_pair"),
     ("history: change points where there are none", "src/judge/change_points.rs",
      "split.p <= LEVEL)", "split.p <= 5.0 * LEVEL)", LIB, "stable_series_have_few_false_points"),

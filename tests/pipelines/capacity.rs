@@ -108,7 +108,7 @@ fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
     let experiments = request.load(&Catalog::builtin()).unwrap();
     let (capacity, catalog) = (small_machine(), Catalog::builtin());
     let planned =
-        plan(experiments, &request, Profile::Quick, (&capacity, &catalog), &|| Ok(())).unwrap();
+        plan(experiments, &request, Profile::Quick, &capacity, &catalog, &|| Ok(())).unwrap();
     let cells = planned.iter().flat_map(|experiment| &experiment.cells);
     let skipped: Vec<_> = cells
         .filter_map(|cell| Some((&cell.plan.experiment, &cell.plan.cell, cell.skip.as_ref()?)))

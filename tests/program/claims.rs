@@ -1,5 +1,5 @@
-//! A run of an experiment with claims: its summary tells their verdicts, and rests on few samples for none. That false sentences are
-//! contradicted and true ones supported is tested in `experiments::claims`.
+//! A run of an experiment with claims: its summary tells their verdicts, and rests on few samples for none; clocks, and what a cell costs the CPU
+//! beside its frames. That false sentences are contradicted and true ones supported is tested in `experiments::claims`.
 
 use crate::common::{Ends, Place, cells, holds, records};
 use fathom::experiments::{Experiment, Ruling, Verdict};
@@ -55,6 +55,23 @@ fn verdicts_agree_with_the_samples_and_the_summary() {
     let measured = cells(&place.path("out"));
     agrees_with_itself(&measured, &place.read("out/summary.md"));
     is_timed_by_the_cpu_time_of_a_quiet_process(&records(&place.path("out"))[0], &measured);
+    one_cell_tells_what_it_costs_the_cpu(&measured);
+    holds(&place.read("out/index.html"), &["What it costs the CPU"]);
+}
+
+/// One of a pipeline.
+#[track_caller]
+fn one_cell_tells_what_it_costs_the_cpu(cells: &[Cell]) {
+    let timed = cells.iter().filter_map(|cell| cell.measured().filter(|it| it.host.is_some()));
+    let measured = timed.exactly_one().unwrap_or_else(|_| panic!("of {} cells", cells.len()));
+    let host = measured.host.as_ref().unwrap();
+    let encoded = host.stages.iter().map(|stage| &stage.stage);
+    assert!(encoded.eq(measured.stages.iter().map(|stage| &stage.stage)), "{host:?}");
+    let mut spent =
+        host.stages.iter().map(|stage| &stage.encode).chain([&host.encode, &host.submit]);
+    assert!(spent.all(|spent| spent.median > 0.0 && spent.interval.is_some()), "{host:?}");
+    let creation = host.creation.as_ref().expect("no cell before it has made its pipelines");
+    assert!(creation.pipelines > 0 && creation.first_ns > 0.0 && creation.again_ns > 0.0);
 }
 
 fn rulings(experiment: &str, cells: &[Cell]) -> Vec<Ruling> {

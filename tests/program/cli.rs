@@ -27,7 +27,6 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run --shard 3/2", "'3/2'"),
         ("run --budget 0", "a time above 0 is needed, such as 90s"),
         ("rum", "'run'"),
-        ("export cvs no/such/folder", "unknown format `cvs`; did you mean `csv`?"),
         ("render no/such/file.toml", "no/such/file.toml"),
         (
             "verify cuastics",
@@ -42,7 +41,6 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("list stages --pipeline hsoa", "unknown pipeline `hsoa`; did you mean `hsao`?"),
         ("list stages --scene tank", "--scene and --set apply to `list parameters` only"),
         ("list scenes --pipeline hsao", "--pipeline applies to `list stages` and "),
-        ("run uw-default --set caustics.gird=3", "did you mean `caustics.grid`"),
         ("run uw-waves --axis watr=circular", "did you mean `water`"),
         ("run uw-default --adapter none-such", "no adapter matches"),
         ("audit --without float32", "there are timestamp-query, timestamp-query-inside-encoders, "),

@@ -11,7 +11,6 @@ mod dumps;
 mod files;
 mod folders;
 mod history;
-mod host_costs;
 mod hostile_names;
 mod masks;
 mod missing_figures;

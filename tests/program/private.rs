@@ -27,7 +27,7 @@ const COMMANDS: &str = "\
     0 history changes --db HERE/h.sqlite --json
     3 compare --launches 2 --pairs 2 --base-env SECRET==MARK --base-cmd HERE/worker.sh --head-cmd HERE/worker.sh \
         --cells-file HERE/cells.toml --out HERE/compared
-    4 compare HERE/out/records.jsonl HERE/out/records.jsonl
+    4 compare HERE/out HERE/out/records.jsonl
     0 verify voxel/clear --json
     0 list adapters --json";
 

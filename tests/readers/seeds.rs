@@ -100,9 +100,12 @@ pub fn objs() -> Seeds {
 }
 
 pub fn plys() -> Seeds {
-    all([
+    let head = "ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    let binary = [head.as_bytes(), &[0x3f; 36], &[3, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 2]].concat();
+    let text = all([
         "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float confidence\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n4 0 1 2 3\n",
-    ])
+    ]);
+    [text, vec![binary]].concat()
 }
 
 pub fn stls() -> Seeds {
@@ -118,8 +121,9 @@ pub fn glbs() -> Seeds {
 }
 
 pub fn gltfs() -> Seeds {
-    let uri = format!("\"buffers\":[{{\"uri\":\"data:;base64,{}\",", BASE64.encode(fan()));
-    all([&GLTF.replace("\"buffers\":[{", &uri)])
+    let embedded = format!("data:;base64,{}", BASE64.encode(fan()));
+    let with = |uri| GLTF.replace("\"buffers\":[{", &format!("\"buffers\":[{{\"uri\":\"{uri}\","));
+    [&*embedded, "./a.raw"].map(|uri| with(uri).into_bytes()).into()
 }
 
 /// Requests to a worker and its replies.

@@ -87,7 +87,8 @@ impl Workshop {
         let text = std::fs::read(&touched).and_then(|text| std::fs::write(&touched, text));
         text.with_context(|| format!("cannot write {}", touched.display()))?;
         let built = build::compile(
-            (source, &self.target),
+            source,
+            &self.target,
             CargoTarget::FATHOM,
             name,
             &FROM_DISK,

@@ -5,9 +5,9 @@ use std::sync::atomic::AtomicBool;
 
 use fathom::Catalog;
 use fathom::compare::flow::{self, CompareOptions, Program};
-use fathom::compare::launch::WorkerStart;
 use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{Status, Verdicts};
+use fathom::compare::worker_process::WorkerStart;
 use fathom::record::comparison::{Gate, GateSettings};
 
 /// Of times on a machine of any load no more is asked than that they are there.
@@ -32,6 +32,9 @@ fn the_program_is_compared_with_itself() {
     let held = flow::measure(&options, out, &AtomicBool::new(false), &|_| ());
     let stored = Comparison::read(&held.expect("it is compared").output.folder).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
+    if cfg!(target_os = "linux") && stored.header.adapter.software {
+        assert!(stored.launches.iter().all(|launch| launch.core.is_some()));
+    }
     let skipped: Vec<Gate> = stored.header.skipped.iter().map(|skip| skip.gate).collect();
     assert_eq!(skipped, [Gate::Exact, Gate::Instructions]);
     // Two launches of two pairs, of six cells and the control.

@@ -1,7 +1,7 @@
 //! The clock's audit: which kinds of pass have timestamps that can be believed on this adapter.
 //!
 //! For each kind of pass a kernel of known ratio (N and 2 N work) is run through the same
-//! [`FrameTimer`] that measures stages, and its timestamps are held against the fenced host clock:
+//! [`FrameTimer`] that measures stages, and its timestamps are compared with the fenced host clock:
 //!
 //! - *alone*: a command buffer with one pass, its timestamps against the host time of the very same
 //!   submission, less the cost of an empty one;
@@ -39,8 +39,8 @@ use fathom_base::statistics;
 use fathom_record::{AuditRow, Clock, ClockPlan, Conditions, PassKind, SubmitCost, Surrounding};
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
-/// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a
-/// submission (tens of µs), short beside patience.
+/// Length of a pass at N work: on a software adapter, and on a GPU. Long compared with the jitter of a submission (tens of µs), and
+/// short enough for an audit of seconds.
 const SOFTWARE_PASS_NS: f64 = 4e6;
 const GPU_PASS_NS: f64 = 1e6;
 /// Rounds before the first verdict; doubled while a verdict is close.

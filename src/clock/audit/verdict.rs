@@ -1,11 +1,11 @@
-//! What the audit makes of its measurements.
+//! The audit's verdict on each clock, from its measurements.
 
 use super::LEVELS;
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Clock, PassKind, Surrounding};
 
-/// Timestamp over host time at which a clock is sound: within this factor of 1 either way. The lies known
-/// of drivers read 0 or a half. What a submission with work costs beyond an empty one is left in the host's
+/// Timestamp over host time at which a clock is sound: within this factor of 1 either way. Drivers known
+/// to be wrong report 0 or a half. What a submission with work costs beyond an empty one is left in the host's
 /// time: 0.1 to 0.3 ms of some 4 ms on lavapipe.
 const ALONE_TOLERANCE: f64 = 1.15;
 /// The shares of two frames are compared here, not one submission with itself.
@@ -33,7 +33,7 @@ const COARSEST_STEP_NS: f64 = 10_000.0;
 
 /// Times of one kind of pass in one surrounding, round by round, at N and at 2 N.
 pub(super) struct Series {
-    /// The audited clock: timestamps or the CPU time of the process. It is held against the fenced host clock.
+    /// The audited clock: timestamps or the CPU time of the process. It is compared with the fenced host clock.
     clock: Clock,
     clock_ns: [Vec<f64>; LEVELS],
     host_ns: [Vec<f64>; LEVELS],

@@ -23,7 +23,8 @@ impl FrameTimer {
         &mut self,
         gpu: &Device,
         encoder: &mut wgpu::CommandEncoder,
-        (stage, kind): (usize, PassKind),
+        stage: usize,
+        kind: PassKind,
     ) -> Option<Query<'_>> {
         self.close(gpu, encoder);
         if self.plan.fences(kind) {

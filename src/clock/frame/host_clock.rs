@@ -4,6 +4,8 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use fathom_record::{Clock, ClockPlan};
+#[cfg(target_os = "linux")]
+use nix::time::ClockId;
 
 /// What time means to the host.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,28 +44,25 @@ fn wall_ns() -> f64 {
 }
 
 /// CPU time of this process so far; unknown outside Linux.
-#[cfg(target_os = "linux")]
 pub(super) fn process_ns() -> Option<f64> {
-    use nix::time::{ClockId, clock_gettime};
-    let time = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).ok()?;
-    Some(time.tv_sec() as f64 * 1e9 + time.tv_nsec() as f64)
-}
-
-#[cfg(not(target_os = "linux"))]
-pub(super) fn process_ns() -> Option<f64> {
+    #[cfg(target_os = "linux")]
+    return cpu_ns(ClockId::CLOCK_PROCESS_CPUTIME_ID);
+    #[cfg(not(target_os = "linux"))]
     None
 }
 
 /// CPU time of this thread so far, without what a driver's other threads do; wall time outside Linux.
 pub(super) fn thread_ns() -> f64 {
     #[cfg(target_os = "linux")]
-    {
-        use nix::time::{ClockId, clock_gettime};
-        if let Ok(time) = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID) {
-            return time.tv_sec() as f64 * 1e9 + time.tv_nsec() as f64;
-        }
-    }
+    return cpu_ns(ClockId::CLOCK_THREAD_CPUTIME_ID).unwrap_or_else(wall_ns);
+    #[cfg(not(target_os = "linux"))]
     wall_ns()
+}
+
+#[cfg(target_os = "linux")]
+fn cpu_ns(clock: ClockId) -> Option<f64> {
+    let time = nix::time::clock_gettime(clock).ok()?;
+    Some(time.tv_sec() as f64 * 1e9 + time.tv_nsec() as f64)
 }
 
 #[cfg(test)]

@@ -164,7 +164,7 @@ impl Recorder {
 
     /// Fails where the frame needed more queries than there are.
     pub(super) fn check(&self) -> Result<(), DeviceError> {
-        self.overflow.map_or(Ok(()), |most| Err(DeviceError::TooManyPasses(most)))
+        self.overflow.map_or(Ok(()), |max_passes| Err(DeviceError::TooManyPasses(max_passes)))
     }
 
     /// Submits what the host stages have queued, so that no pass and no gap contains it.
@@ -229,14 +229,16 @@ impl Recorder {
     }
 }
 
-/// Stages and their turns in the order in which they are encoded.
+/// Stages and their iterations in the order in which they are encoded.
 fn order<S: TimedStage + ?Sized>(stages: &[&S]) -> Vec<(usize, u32)> {
     let mut order = Vec::new();
     let mut first = 0;
     for group in stages.chunk_by(|a, b| a.iterations() == b.iterations()) {
         let iterations = group[0].iterations();
         let all = first..first + group.len();
-        order.extend((0..iterations).flat_map(|turn| all.clone().map(move |stage| (stage, turn))));
+        order.extend(
+            (0..iterations).flat_map(|iteration| all.clone().map(move |stage| (stage, iteration))),
+        );
         first += group.len();
     }
     order
@@ -309,8 +311,8 @@ impl<'a> Query<'a> {
 }
 
 impl<'a> StageScope<'a> {
-    /// Which of the stage's [`turns`](TimedStage::iterations) this is.
-    pub fn turn(&self) -> u32 {
+    /// Index of this [iteration](TimedStage::iterations) of the stage.
+    pub fn iteration(&self) -> u32 {
         self.iteration
     }
 

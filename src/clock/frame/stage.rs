@@ -7,9 +7,9 @@ use fathom_record::Clock;
 pub trait TimedStage {
     /// The name under which the time is recorded.
     fn name(&self) -> &'static str;
-    /// Opens the stage's passes. Called once per frame, or once for each of its [`turns`](Self::iterations).
+    /// Opens the stage's passes. Called once per frame, or once for each of its [iterations](Self::iterations).
     fn encode(&self, scope: &mut StageScope<'_>);
-    /// How often the stage is encoded in a frame. Neighbours with the same number of turns, more than one, take them together.
+    /// How often the stage is encoded in a frame. Neighbours with the same number of iterations, more than one, are encoded iteration by iteration.
     fn iterations(&self) -> u32 {
         1
     }
@@ -42,7 +42,7 @@ impl StageTime {
     }
 
     /// The time, or the resolution where that is longer.
-    pub fn at_least_resolution_ns(&self) -> f64 {
+    pub fn ns_or_resolution(&self) -> f64 {
         self.ns.max(self.resolution_ns)
     }
 }

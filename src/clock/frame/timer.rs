@@ -29,14 +29,6 @@ pub struct FrameSample {
     pub faults: Vec<RejectedTime>,
 }
 
-impl FrameSample {
-    /// |stages + gaps − envelope| / envelope; not a number when a stage has a fault.
-    pub fn accounting_error(&self) -> f64 {
-        let stages: f64 = self.stages.iter().map(|stage| stage.ns).sum();
-        (stages + self.gaps_ns - self.envelope_ns).abs() / self.envelope_ns
-    }
-}
-
 /// What the thread that encodes takes for one frame, ns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodeCost {
@@ -238,7 +230,7 @@ impl FrameTimer {
                 account.gaps_ns += self.submit_cost_ns(SUBMISSION);
                 let is_cpu = HostClock::from_plan(&self.plan) == HostClock::ProcessCpu;
                 let clock = if is_cpu { Clock::ProcessCpu } else { Clock::FencedHost };
-                self.add_fenced(&mut account, (work.stage, SUBMISSION, clock), work.ns);
+                self.add_fenced(&mut account, work.stage, SUBMISSION, clock, work.ns);
             } else {
                 account.add(work.stage, Clock::Host, Ok(work.ns));
             }
@@ -257,7 +249,7 @@ impl FrameTimer {
             } else if span.fenced {
                 for pass in passes {
                     let clock = self.plan.clock(pass.kind);
-                    self.add_fenced(&mut account, (pass.stage, pass.kind, clock), span.wall_ns());
+                    self.add_fenced(&mut account, pass.stage, pass.kind, clock, span.wall_ns());
                 }
             } else {
                 self.add_timestamped(&mut account, span)
@@ -280,12 +272,15 @@ impl FrameTimer {
     fn add_fenced(
         &self,
         account: &mut FrameSums<'_>,
-        (stage, kind, clock): (usize, PassKind, Clock),
+        stage: usize,
+        kind: PassKind,
+        clock: Clock,
         wall_ns: f64,
     ) {
         let cost_ns = self.submit_cost_ns(kind);
         account.add(stage, clock, positive(wall_ns).map(|wall_ns| wall_ns - cost_ns));
-        account.take_off(stage, kind, cost_ns);
+        account.stages[stage].submit_cost_ns += cost_ns;
+        *account.submissions[stage].entry(kind).or_default() += 1;
     }
 
     fn add_timestamped(&self, account: &mut FrameSums<'_>, span: &Span) {
@@ -386,12 +381,6 @@ impl<'a> FrameSums<'a> {
                 self.faults.push(RejectedTime { stage: self.names[stage], kind, ns });
             }
         }
-    }
-
-    /// Notes a submission's cost that was subtracted from the stage's time.
-    fn take_off(&mut self, stage: usize, kind: PassKind, cost_ns: f64) {
-        self.stages[stage].submit_cost_ns += cost_ns;
-        *self.submissions[stage].entry(kind).or_default() += 1;
     }
 
     fn finish(mut self, envelope_ns: f64, meter: &CostMeter) -> FrameSample {

@@ -1,12 +1,10 @@
 //! From samples to the figures of a record.
 
-use std::collections::BTreeMap;
-
 use super::samples::{Samples, StopReason};
 use crate::StageTime;
 use fathom_base::statistics;
 use fathom_record::{
-    Clock, Estimate, Fenced, FrameRecord, Note, NoteKind, StageRecord, Throttling, Work,
+    Clock, Estimate, Fenced, FrameRecord, Note, NoteKind, StageRecord, Throttling,
 };
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
@@ -17,7 +15,7 @@ pub fn frame_record(samples: &Samples) -> FrameRecord {
     if samples.pairs() == 0 {
         return FrameRecord::default();
     }
-    let untimed_samples_ns = samples.each(|pair| pair.untimed_ns);
+    let untimed_samples_ns = samples.each(|pair| pair.frame_ns);
     FrameRecord {
         rounds: samples.each(|pair| pair.round),
         sampled_at_s: samples.each(|pair| pair.sampled_at_s),
@@ -26,7 +24,7 @@ pub fn frame_record(samples: &Samples) -> FrameRecord {
         untimed: statistics::estimate(&untimed_samples_ns),
         // Pair by pair.
         timing_cost: statistics::ratio_estimate(
-            &samples.each(|pair| (pair.envelope_ns, pair.untimed_ns)),
+            &samples.each(|pair| (pair.envelope_ns, pair.frame_ns)),
         ),
         envelope_samples_ns: samples.each(|pair| pair.envelope_ns),
         gap_samples_ns: samples.each(|pair| pair.gaps_ns),
@@ -43,27 +41,16 @@ pub fn accounting_error(samples: &Samples) -> f64 {
     statistics::median(&errors)
 }
 
-/// Of the stage of this name at this place among those of each frame, which declares this work and at least that.
-pub fn stage_record(
-    samples: &Samples,
-    (place, name): (usize, &str),
-    (work, least): (Work, Work),
-    counters: BTreeMap<String, u64>,
-) -> StageRecord {
-    let times = samples.each(|pair| pair.stages[place].clone());
+/// The times of the stage of this name, whose index is this among the stages of each frame.
+pub fn stage_record(samples: &Samples, index: usize, name: &str) -> StageRecord {
+    let times = samples.each(|pair| pair.stages[index].clone());
     let fenced = fenced(&times);
     let samples_ns = match &fenced {
         Some(fenced) => fenced.samples_ns(),
         None => times.iter().map(|time| time.ns).collect(),
     };
     let clock = times.first().map_or(Clock::Host, |time| time.clock);
-    StageRecord {
-        fenced,
-        work,
-        least_work: (least != work).then_some(least),
-        counters,
-        ..StageRecord::new(name, clock, samples_ns)
-    }
+    StageRecord { fenced, ..StageRecord::new(name, clock, samples_ns) }
 }
 
 /// What was read and taken off; none where nothing was.
@@ -104,7 +91,7 @@ pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Ve
         let text = format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked");
         note(NoteKind::Imprecise, text);
     }
-    let outliers = statistics::outliers(&samples.each(|pair| pair.untimed_ns));
+    let outliers = statistics::outliers(&samples.each(|pair| pair.frame_ns));
     if outliers.share() > NOTED_OUTLIER_SHARE {
         let text = format!(
             "{} of {} frames were far slower and {} far faster than the median",
@@ -145,7 +132,7 @@ mod tests {
                 ],
                 envelope_ns: 5e6 * f64::from(number),
                 gaps_ns: 7.0,
-                untimed_ns: 4e6 * f64::from(number),
+                frame_ns: 4e6 * f64::from(number),
             };
             let samples = Samples {
                 pairs: (1..9).map(pair).collect(),
@@ -156,9 +143,7 @@ mod tests {
                 stopped: StopReason::default(),
             };
             let frame = frame_record(&samples);
-            let stage = |(place, name)| {
-                stage_record(&samples, (place, name), Default::default(), Default::default())
-            };
+            let stage = |(index, name)| stage_record(&samples, index, name);
             let mut measured = Measured {
                 stages: ["a", "b"].into_iter().enumerate().map(stage).collect(),
                 notes: sampling_notes(&samples, &frame.untimed, 0.02),

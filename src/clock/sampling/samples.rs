@@ -31,7 +31,7 @@ pub struct FramePair {
     /// Time between stages, nanoseconds.
     pub gaps_ns: f64,
     /// Frame time without per-stage timing, nanoseconds.
-    pub untimed_ns: f64,
+    pub frame_ns: f64,
 }
 
 /// Why a cell's sampling ended.
@@ -74,7 +74,7 @@ impl Samples {
                 stages: stages.collect::<Option<_>>()?,
                 envelope_ns: *frame.envelope_samples_ns.get(number)?,
                 gaps_ns: *frame.gap_samples_ns.get(number)?,
-                untimed_ns: *frame.untimed_samples_ns.get(number)?,
+                frame_ns: *frame.untimed_samples_ns.get(number)?,
             })
         };
         let pairs = (0..).map_while(pair).collect_vec();
@@ -113,10 +113,12 @@ impl Samples {
     pub fn add(
         &mut self,
         frame: FrameSample,
-        untimed_ns: f64,
-        (round, sampled_at_s, machine): (u32, f64, Option<MachineState>),
+        frame_ns: f64,
+        round: u32,
+        sampled_at_s: f64,
+        machine: Option<MachineState>,
     ) {
-        if let Some(reason) = fault(&frame, untimed_ns, self.stages()) {
+        if let Some(reason) = fault(&frame, frame_ns, self.stages()) {
             *self.rejected.entry(reason).or_default() += 1;
             return;
         }
@@ -128,7 +130,7 @@ impl Samples {
             stages,
             envelope_ns,
             gaps_ns,
-            untimed_ns,
+            frame_ns,
         });
     }
 
@@ -153,7 +155,7 @@ impl Samples {
     /// Of the frame time, the wider of timed and untimed frames: half of its interval over its median.
     pub fn relative_half_width(&self) -> f64 {
         let of = |samples: Vec<f64>| statistics::estimate(&samples).relative_half_width();
-        of(self.each(|pair| pair.envelope_ns)).max(of(self.each(|pair| pair.untimed_ns)))
+        of(self.each(|pair| pair.envelope_ns)).max(of(self.each(|pair| pair.frame_ns)))
     }
 
     /// As a record has them.
@@ -181,7 +183,7 @@ fn recorded_stage(record: &StageRecord, number: usize) -> Option<StageTime> {
 
 /// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
 /// is one rejected frame.
-fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageTime]) -> Option<Rejection> {
+fn fault(frame: &FrameSample, frame_ns: f64, before: &[StageTime]) -> Option<Rejection> {
     if let Some(RejectedTime { stage, kind, .. }) = frame.faults.first() {
         return Some(Rejection { stage: Some((*stage).to_owned()), fault: *kind });
     }
@@ -192,7 +194,7 @@ fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageTime]) -> Option<R
     let same = names(&frame.stages) == names(before);
     let faults = [
         (FaultKind::FrameNotPositive, !positive(frame.envelope_ns)),
-        (FaultKind::UntimedNotPositive, !positive(untimed_ns)),
+        (FaultKind::UntimedNotPositive, !positive(frame_ns)),
         (FaultKind::StageNotPositive, !frame.stages.iter().all(|stage| positive(read(stage)))),
         (FaultKind::OtherStages, !before.is_empty() && !same),
     ];

@@ -241,7 +241,7 @@ impl Frame<'_> {
         }
         let stage = self.stage(name);
         let FrameClock { gpu, timer, .. } = &mut *self.clock;
-        timer.open(gpu, encoder, (stage, kind))
+        timer.open(gpu, encoder, stage, kind)
     }
 
     /// The place of this name among those of the frame.

@@ -49,9 +49,8 @@ impl FrameClock {
             return Outcome::Failed { reason: "no pair of frames was sampled".to_owned() };
         }
         let frame = frame_record(samples);
-        let record = |(place, stage): (usize, &StageTime)| {
-            stage_record(samples, (place, &stage.stage), Default::default(), Default::default())
-        };
+        let record =
+            |(index, stage): (usize, &StageTime)| stage_record(samples, index, &stage.stage);
         Outcome::Measured(Box::new(Measured {
             stages: samples.stages().iter().enumerate().map(record).collect(),
             notes: sampling_notes(samples, &frame.untimed, self.sampling.precision),

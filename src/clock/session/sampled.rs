@@ -36,7 +36,7 @@ pub(super) struct CellSampling {
     warm_up: WarmUp,
     /// Of the pair that has begun.
     timed: Option<FrameSample>,
-    untimed_ns: Option<f64>,
+    frame_ns: Option<f64>,
     /// Pairs at which the precision is looked at next.
     target: usize,
     /// Number of the next pair of the run.
@@ -49,7 +49,7 @@ impl CellSampling {
             samples: Samples { stopped: StopReason::Interrupted, ..Samples::default() },
             warm_up: WarmUp::default(),
             timed: None,
-            untimed_ns: None,
+            frame_ns: None,
             target: MIN_PAIRS,
             round,
         }
@@ -80,7 +80,7 @@ impl CellSampling {
     /// The next frame is one with per-pass timing. The kind that a pair begins with follows the Thue–Morse sequence, so that a
     /// steady drift favours neither.
     pub(super) fn times_next(&self) -> bool {
-        match (&self.timed, self.untimed_ns) {
+        match (&self.timed, self.frame_ns) {
             _ if !self.warm_up.is_over() => self.warm_up.is_timed(),
             (None, None) => self.round.count_ones().is_multiple_of(2),
             (timed, _) => timed.is_none(),
@@ -101,13 +101,13 @@ impl CellSampling {
         }
         match ran {
             Sample::Timed(frame) => self.timed = Some(frame),
-            Sample::Untimed(wall_ns) => self.untimed_ns = Some(wall_ns),
+            Sample::Untimed(wall_ns) => self.frame_ns = Some(wall_ns),
         }
-        if let Some(untimed_ns) = self.untimed_ns
+        if let Some(frame_ns) = self.frame_ns
             && let Some(frame) = self.timed.take()
         {
-            self.samples.add(frame, untimed_ns, (self.round, unix_s(), state()));
-            self.untimed_ns = None;
+            self.samples.add(frame, frame_ns, self.round, unix_s(), state());
+            self.frame_ns = None;
             self.round += 1;
         }
         wall_ns

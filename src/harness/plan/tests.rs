@@ -42,13 +42,13 @@ fn request(sets: &[(&str, Value)]) -> Request {
 
 fn planned(request: &Request) -> Result<Vec<PlannedExperiment>> {
     let profile = fathom_record::Profile::Quick;
-    let adapter = (&wgpu::Limits::default().into(), &Catalog::builtin());
-    plan(experiments(), request, profile, adapter, &|| Ok(()))
+    let capacity = wgpu::Limits::default().into();
+    plan(experiments(), request, profile, &capacity, &Catalog::builtin(), &|| Ok(()))
 }
 
 #[test]
 fn planning_ends_with_the_time_budget() {
-    let adapter = (&wgpu::Limits::default().into(), &Catalog::builtin());
+    let (capacity, catalog) = (wgpu::Limits::default().into(), Catalog::builtin());
     let asked = std::cell::Cell::new(0);
     let in_time = || {
         asked.set(asked.get() + 1);
@@ -56,7 +56,7 @@ fn planning_ends_with_the_time_budget() {
         Ok(())
     };
     let profile = fathom_record::Profile::Quick;
-    let ended = plan(experiments(), &request(&[]), profile, adapter, &in_time);
+    let ended = plan(experiments(), &request(&[]), profile, &capacity, &catalog, &in_time);
     assert_eq!((ended.err().unwrap().to_string(), asked.get()), ("over".to_owned(), 2));
 }
 
@@ -117,34 +117,34 @@ fn every_view_is_seen_from_within_its_scene() {
     for profile in [fathom_record::Profile::Quick, fathom_record::Profile::Paper] {
         let request = Request::default();
         let planned =
-            plan(with_views.clone(), &request, profile, (&limits, &catalog), &|| Ok(())).unwrap();
+            plan(with_views.clone(), &request, profile, &limits, &catalog, &|| Ok(())).unwrap();
         for (experiment, cell) in
             planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c)))
         {
             let turns_deg = &experiment.views.as_ref().unwrap().turns_deg;
             let own = cell.subject.camera();
             let tracer = Tracer::new(&cell.subject.scene.objects);
-            for turn_deg in turns_deg {
-                let met = met_on_path(&tracer, &own, *turn_deg);
-                assert_eq!(met, None, "{} turned by {turn_deg}", cell.plan.cell);
+            for angle_deg in turns_deg {
+                let met = met_on_path(&tracer, &own, *angle_deg);
+                assert_eq!(met, None, "{} turned by {angle_deg}", cell.plan.cell);
             }
             let last = cell.views.as_ref().unwrap().last().unwrap();
-            let expected = views::turned(&own, *turns_deg.last().unwrap());
+            let expected = views::rotated(&own, *turns_deg.last().unwrap());
             assert_eq!(last[0].camera(), expected);
         }
     }
 }
 
 /// Angle at which a camera that is turned about its target meets a surface.
-fn met_on_path(tracer: &Tracer, camera: &Camera, turn_deg: f64) -> Option<f64> {
-    let steps = (turn_deg.abs() / PATH_STEP_DEG).ceil();
-    let at = |step: f64| views::turned(camera, turn_deg * step / steps).position();
+fn met_on_path(tracer: &Tracer, camera: &Camera, angle_deg: f64) -> Option<f64> {
+    let steps = (angle_deg.abs() / PATH_STEP_DEG).ceil();
+    let at = |step: f64| views::rotated(camera, angle_deg * step / steps).position();
     let mut path = (0..steps as u32).map(f64::from);
     let met = path.find(|&step| {
-        let way = at(step + 1.0) - at(step);
-        tracer.cast(at(step), way.normalize(), 0.0, way.length()).is_some()
+        let step_vector = at(step + 1.0) - at(step);
+        tracer.cast(at(step), step_vector.normalize(), 0.0, step_vector.length()).is_some()
     });
-    met.map(|step| turn_deg * step / steps)
+    met.map(|step| angle_deg * step / steps)
 }
 
 #[test]

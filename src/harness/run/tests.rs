@@ -53,10 +53,11 @@ fn process(place: &Path, origin: Origin, text: &str, random: &mut Pcg64) -> Resu
         true => Recording::resume(Some(&out))?,
         false => Recording::create(Some(&out), "gpu", Profile::Quick)?,
     };
-    check_same_request(&held, (&header.command, &asked), &experiments)?;
-    let adapter = (&wgpu::Limits::default().into(), &Catalog::builtin());
+    check_same_request(&held, &header.command, &asked, &experiments)?;
+    let (capacity, catalog) = (wgpu::Limits::default().into(), Catalog::builtin());
     let definition = definition(&experiments[0]);
-    let mut planned = plan::plan(experiments, &request, Profile::Quick, adapter, &|| Ok(()))?;
+    let mut planned =
+        plan::plan(experiments, &request, Profile::Quick, &capacity, &catalog, &|| Ok(()))?;
     let earlier = record::earlier(&held.before, &header);
     plan::drop_finished(&mut planned, &earlier);
     let mut known = CellProgress::new(&planned[0], &held.before, &earlier);
@@ -69,11 +70,11 @@ fn process(place: &Path, origin: Origin, text: &str, random: &mut Pcg64) -> Resu
         for _ in 0..random.random_range(1..4) {
             let stages = vec![StageTime { ns, ..StageTime::zero("a") }];
             let frame = FrameSample { stages, gaps_ns: 0.0, envelope_ns: ns, faults: Vec::new() };
-            samples.add(frame, ns, (0, 0.0, None));
+            samples.add(frame, ns, 0, 0.0, None);
         }
         let unfinished = Note::new(NoteKind::Unfinished, "killed");
         let measured = Measured {
-            stages: vec![stage_record(&samples, (0, "a"), Default::default(), Default::default())],
+            stages: vec![stage_record(&samples, 0, "a")],
             frame: frame_record(&samples),
             notes: random.random_bool(0.5).then_some(unfinished).into_iter().collect(),
             ..Measured::default()

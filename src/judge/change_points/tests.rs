@@ -54,7 +54,7 @@ fn steps_are_found_where_they_are() {
 }
 
 #[test]
-fn least_runs_are_the_fewest_that_reach_the_level() {
+fn min_runs_are_the_fewest_that_reach_the_level() {
     let step = |n: usize| -> Vec<f64> {
         (0..n).map(|i| i as f64 * 1e-3 + f64::from(u8::from(i >= n / 2))).collect()
     };

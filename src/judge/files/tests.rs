@@ -2,7 +2,7 @@ use serde_json::json;
 
 use super::super::verdict::{CellVerdict, Status, Verdicts};
 use super::*;
-use fathom_record::StageRecord;
+use fathom_record::{Adapter, StageRecord};
 
 fn run(adapter: &str) -> Record {
     Record::Run(Box::new(Run {
@@ -108,13 +108,4 @@ fn cells_of_an_earlier_run_on_another_adapter_do_not_count() {
     let comparison = compared(&base, &head).unwrap();
     assert_eq!(comparison.header.cells, [CellId::new("e:x=2", "s")]);
     assert!(comparison.header.notes[0].contains("only its last run counts"));
-}
-
-#[test]
-fn cells_of_one_name_and_other_parameters_are_numbered() {
-    let twice = [1, 2].map(|quality| cell("x=1", quality, measured(&["s"], 1.0)));
-    let records: Vec<Record> = std::iter::once(run("a")).chain(twice).collect();
-    let comparison = compared(&records, &records).unwrap();
-    let expected = ["e:x=1", "e:x=1 (2)"].map(|id| CellId::new(id, "s"));
-    assert_eq!(comparison.header.cells, expected);
 }

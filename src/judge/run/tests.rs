@@ -85,10 +85,10 @@ impl MachineModel {
 /// A process on another core works and rests in turns of 0.1 to 2 s; while it works, frames take so many times longer.
 fn beside(slower: f64, told: bool, seed: u64) -> impl FnMut(f64) -> State {
     let mut random = StdRng::seed_from_u64(seed);
-    let (mut works, mut turn_ends_s) = (false, 0.0);
+    let (mut works, mut phase_ends_s) = (false, 0.0);
     move |at_s| {
-        while turn_ends_s <= at_s {
-            turn_ends_s += random.random_range(0.1..2.0);
+        while phase_ends_s <= at_s {
+            phase_ends_s += random.random_range(0.1..2.0);
             works = !works;
         }
         let others = told.then_some(if works { 1.03 } else { 0.03 });

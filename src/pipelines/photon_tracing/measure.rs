@@ -141,22 +141,9 @@ impl PipelineInstance for PhotonTracing {
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.landing_errors(judge)
-    }
-
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
-        // What the sprites have added up.
-        let irradiance = channel(&read_texture(judge.gpu, &self.irradiance)?, 0);
-        let found = FrameCaustics { irradiance, stage: sprites::draw::INFO.name };
-        CausticsPair::new(judge, &self.view, &found).map(Some)
-    }
-}
-
-impl PhotonTracing {
     /// Errors of the last frame's photons. `src/experiments/words.rs` says what each rate counts; `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names. Of large grids an even selection is compared.
-    fn landing_errors(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
         let mut ends = self.ends(&self.photons.read(judge.gpu)?, judge);
         let median_m = quantile(&mut ends.errors_m, 0.5);
         let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
@@ -180,6 +167,15 @@ impl PhotonTracing {
         Ok(judged)
     }
 
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
+        // What the sprites have added up.
+        let irradiance = channel(&read_texture(judge.gpu, &self.irradiance)?, 0);
+        let found = FrameCaustics { irradiance, stage: sprites::draw::INFO.name };
+        CausticsPair::new(judge, &self.view, &found).map(Some)
+    }
+}
+
+impl PhotonTracing {
     fn ends(&self, found: &[Photon], judge: &mut Judge<'_>) -> Tally {
         let scene = judge.scene;
         let view = judged_view(&self.view, scene);

@@ -4,13 +4,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Gather, Law, Mode, Scalar, ScalarAo};
-use crate::occlusion::{figures, lattice};
-use crate::settings::Attenuation;
+use crate::occlusion::{exact, figures, lattice};
 use crate::{Errors, Judge, JudgeError, to_map};
+use fathom_base::statistics::mean;
 use fathom_gpu::{Pixels, read_texture};
 use fathom_reference::isosurface::FieldSurface;
 use fathom_reference::media::{self, FieldMarch};
-use fathom_reference::occlusion as reference;
+use fathom_reference::occlusion::Obscurity;
 use fathom_reference::rays::PixelRays;
 use fathom_scene::Volume;
 use fathom_stages::scalar;
@@ -43,28 +43,22 @@ impl ScalarAo {
         let (settings, r_max_m) = (&self.settings, self.r_max_m);
         let exact = ScalarReference { volume, settings, voxel_m: self.field.voxel_m, r_max_m };
         let unchanged = (settings.window, settings.opacity) == UNCHANGED;
+        let in_medium = || compared(&pixels, &view, MAX_IN_MEDIUM, |ray| exact.in_medium(ray));
         let (stage, found) = match settings.mode {
             Mode::Isosurface => (
                 scalar::isosurface::INFO.name,
                 compared(&pixels, &view, MAX_POINTS, |ray| exact.at_isosurface(ray)),
             ),
             _ if !unchanged => return Ok(Errors::default()),
-            Mode::Direct => (
-                scalar::direct::INFO.name,
-                compared(&pixels, &view, MAX_IN_MEDIUM, |ray| exact.down_the_gradient(ray)),
-            ),
-            Mode::Positional => (
-                scalar::positional::INFO.name,
-                compared(&pixels, &view, MAX_IN_MEDIUM, |ray| exact.by_position(ray)),
-            ),
+            Mode::Direct => (scalar::direct::INFO.name, in_medium()),
+            Mode::Positional => (scalar::positional::INFO.name, in_medium()),
         };
         if found.is_empty() {
             return Err(JudgeError::Nothing);
         }
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
         let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
-        let quantities = [("ao_mean", mean(&values)), ("ao_reference_mean", mean(&exact))];
+        let quantities = [("ao_mean", mean(values)), ("ao_reference_mean", mean(exact))];
         let errors = figures("ao", stage, &errors).into();
         Ok(Errors { errors, quantities: to_map(quantities), ..Errors::default() })
     }
@@ -101,9 +95,9 @@ impl ScalarReference<'_> {
     }
 
     fn at_isosurface(&self, (origin, direction, length_m): ViewRay) -> Option<f64> {
-        let attenuation = match (self.settings.gather, self.settings.attenuation) {
-            (Gather::End, Attenuation::Linear) => reference::Obscurity::Linear,
-            _ => reference::Obscurity::Hard,
+        let attenuation = match self.settings.gather {
+            Gather::End => exact(self.settings.attenuation),
+            Gather::Opacity => Obscurity::Hard,
         };
         let surface = self.surface();
         let distance_m = surface.entry(origin, direction, length_m).filter(|d| *d > 0.0)?;
@@ -111,18 +105,15 @@ impl ScalarReference<'_> {
         surface.occlusion(point, self.r_max_m, attenuation, RAYS)
     }
 
-    fn down_the_gradient(&self, ray: ViewRay) -> Option<f64> {
+    fn in_medium(&self, ray: ViewRay) -> Option<f64> {
         let marching = self.marching();
-        let occlusion = |p| {
-            let normal = self.surface().normal(p).unwrap_or(-ray.1);
-            marching.hemispherical(self.volume, p, normal, RAYS_IN_MEDIUM)
+        let occlusion = |p| match self.settings.mode {
+            Mode::Positional => marching.positional(self.volume, p, RAYS_IN_MEDIUM),
+            _ => {
+                let normal = self.surface().normal(p).unwrap_or(-ray.1);
+                marching.hemispherical(self.volume, p, normal, RAYS_IN_MEDIUM)
+            }
         };
-        marching.along_view(self.volume, ray, STEP_VOXELS * self.voxel_m, occlusion)
-    }
-
-    fn by_position(&self, ray: ViewRay) -> Option<f64> {
-        let marching = self.marching();
-        let occlusion = |p| marching.positional(self.volume, p, RAYS_IN_MEDIUM);
         marching.along_view(self.volume, ray, STEP_VOXELS * self.voxel_m, occlusion)
     }
 

@@ -47,10 +47,6 @@ impl GridSettings {
         self.subdivision.isqrt()
     }
 
-    pub fn is_dynamic(&self) -> bool {
-        self.mode == SubdivisionMode::Dynamic
-    }
-
     /// In a view whose light's depth has `shadow_px` texels a side.
     pub fn uniforms(&self, view: &View, shadow_px: u32) -> TraceUniforms {
         let iterations = self.iterations_in(view);

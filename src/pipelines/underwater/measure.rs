@@ -3,9 +3,13 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec4};
+use serde_json::Value;
 
 use super::Underwater;
 use super::grid::largest_contraction;
+use crate::caustics_image::CausticsPair;
+use crate::off_frustum::Frustum;
+use crate::{Errors, Judge, JudgeError, PipelineInstance, share};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::godray::covered_px;
 use fathom_stages::photon::{Fate, Photon, PhotonEstimator};
@@ -32,36 +36,31 @@ impl Underwater {
         });
         lines.map(|line| covered_px(line, width_px, size)).sum()
     }
+}
 
-    /// Share of the photons that land within the camera's frustum, hidden or not.
-    fn in_view(&self, photons: &[Photon]) -> f64 {
-        let matrix = self.view.camera.view_projection(self.view.aspect());
-        let lands = |photon: &&Photon| {
-            let clip = matrix * photon.hit().extend(1.0);
-            let across = clip.truncate().truncate().abs().max_element() <= clip.w;
-            photon.has_landed() && across && (0.0..=clip.w).contains(&clip.z)
-        };
-        photons.iter().filter(lands).count() as f64 / photons.len() as f64
+impl PipelineInstance for Underwater {
+    fn image(&self) -> &wgpu::Texture {
+        &self.image
     }
 
-    /// Shares of the photons that never enter the water, that leave the light's frustum, and that land in view; pixels that godrays cover; of the paper's
-    /// estimator the factor of its error in an iteration, where it is largest.
-    pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+    /// Shares of the photons that never enter the water, that leave the light's frustum, and that land in view, hidden or not; pixels that godrays cover; of
+    /// the paper's estimator the factor of its error in an iteration, where it is largest.
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let mut quantities = BTreeMap::new();
+        let frustum = Frustum::new(&self.view, 1.0);
         for (name, _, settings, photons) in self.grids() {
             if settings.estimator == PhotonEstimator::Paper {
                 let factor = largest_contraction(&self.view);
                 quantities.insert(format!("{name}_contraction"), factor);
             }
             let photons = photons.read(gpu)?;
-            let share = |fate: Fate| {
-                let alike = photons.iter().filter(|p| p.fate() == fate);
-                alike.count() as f64 / photons.len() as f64
+            let rate = |is_so: &dyn Fn(&Photon) -> bool| {
+                share(photons.iter().filter(|photon| is_so(photon)).count(), photons.len())
             };
             let figures = [
-                ("missed_water_rate", share(Fate::MissedWater)),
-                ("left_frustum_rate", share(Fate::LeftLight)),
-                ("in_view_rate", self.in_view(&photons)),
+                ("missed_water_rate", rate(&|photon| photon.fate() == Fate::MissedWater)),
+                ("left_frustum_rate", rate(&|photon| photon.fate() == Fate::LeftLight)),
+                ("in_view_rate", rate(&|p| p.has_landed() && frustum.holds(p.hit()))),
             ];
             quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
             if name == "godrays" {
@@ -70,5 +69,18 @@ impl Underwater {
             }
         }
         Ok(quantities)
+    }
+
+    fn context(&self, stage: &str) -> Value {
+        self.explained(stage)
+    }
+
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
+        self.landing_errors(judge)
+    }
+
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
+        let found = self.frame_caustics(judge)?;
+        CausticsPair::new(judge, &self.view, &found).map(Some)
     }
 }

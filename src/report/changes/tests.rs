@@ -59,8 +59,11 @@ fn known_changes_stand_in_the_first_lines_of_their_blocks() {
         let found = lines[block + line];
         assert!(words.iter().all(|word| found.contains(word)), "{words:?} in {found}: {text}");
     };
-    holds("exact figures of", 0, &["1 worse", "not judged: two runs share no pairs"]);
-    holds("exact figures of", 2, &["two versions of the driver", "Mesa 22.3.6 →", "Mesa 23.0.0"]);
+    holds(
+        "regression (status 1): exact figures of",
+        0,
+        &["1 worse", "not judged: two runs share no pairs"],
+    );
     holds("Claims", 4, &["supported → contradicted", "uw-waves", "the higher the waves are"]);
     holds("Errors", 1, &["in some cell another value of 1 figure"]);
     let error = "irradiance_error 0.100 → 0.200 (+100 %)";
@@ -94,7 +97,11 @@ fn every_time_stands_beside_its_like_with_the_intervals_of_both_runs() {
     assert_eq!(frames, facts::representatives(&Report::new(&head, None).sections).len(), "{table}");
     head[0].try_as_run_mut().unwrap().adapter.name = "Another".to_owned();
     let text = changes(base, head).into_text();
-    assert!(text.starts_with("exact figures of ") && !text.contains("\nTimes\n"), "{text}");
+    assert!(
+        text.starts_with("times not judged (status 4): exact figures of ")
+            && !text.contains("\nTimes\n"),
+        "{text}"
+    );
     assert!(text.contains("; times not compared: ") && text.contains("Claims\n0 of "), "{text}");
 }
 

@@ -1,4 +1,4 @@
-//! What terminal and Markdown say alike, as text.
+//! Texts that the terminal and Markdown reports of a comparison share.
 
 use std::collections::BTreeSet;
 
@@ -33,7 +33,7 @@ pub fn cell(cell: &JudgedCell) -> [String; 7] {
         cell.verdict.to_string(),
         or_none(base),
         or_none(time.map(change)),
-        or_none(detectable.map(|least| format!("{:.1} %", 100.0 * least))),
+        or_none(detectable.map(|share| format!("{:.1} %", 100.0 * share))),
         or_none(counted.map(|counted| format!("{} {}", si(counted.base), more(counted)))),
         differences.chain(faults).chain(time.and_then(throttled)).join("; "),
     ]
@@ -61,7 +61,7 @@ fn rounded(value: f64, digits: usize) -> f64 {
     (value * scale).round() / scale + 0.0
 }
 
-/// `+5.1 % (4.2 … 6.0)`, and with times of different adapters that they are.
+/// `+5.1 % (4.2 … 6.0)`, with a remark where the times are of different adapters.
 pub fn change(time: &CellTime) -> String {
     let interval = match time.change.interval {
         Some(Interval { low, high }) => {
@@ -343,11 +343,11 @@ pub fn summary(verdicts: &Verdicts<'_>) -> String {
 pub fn differences(verdicts: &Verdicts<'_>) -> Vec<String> {
     let header = &verdicts.comparison.header;
     let builds = header.base.build.as_ref().zip(header.head.build.as_ref());
-    let ways = builds.map_or_else(Vec::new, |(base, head)| base.differences(head));
+    let build_differences = builds.map_or_else(Vec::new, |(base, head)| base.differences(head));
     let [removed, new] = verdicts
         .cells_of_one_side()
         .map(|cells| cells.iter().map(|cell| cell.to_string()).collect());
-    let parts = [("built differently", ways), ("removed", removed), ("new", new)];
+    let parts = [("built differently", build_differences), ("removed", removed), ("new", new)];
     let parts = parts.into_iter().filter(|(_, all)| !all.is_empty());
     parts.map(|(what, all)| format!("{what}: {}", first_of(&all))).collect()
 }

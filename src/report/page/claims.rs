@@ -5,11 +5,11 @@ use itertools::Itertools;
 use maud::Markup;
 
 use super::{Fold, Page, PageSection};
-use crate::Section;
 use crate::charts::strip;
 use crate::claims::{balance, format_settings};
 use crate::document::{self, Block, ColumnKind, Line, Span, Table, Tone};
 use crate::format::three;
+use crate::{Report, Section};
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{ClaimOrigin, LOOKS, RuledFigure, Ruling, Verdict};
 use fathom_record::{Estimate, Interval};
@@ -25,29 +25,40 @@ pub const SECTION: PageSection = PageSection {
 /// Share of the spread of a row's figures that is shown beyond them.
 const ROOM: f64 = 0.25;
 
-struct RuledClaim<'a> {
-    section: &'a Section<'a>,
-    claim: &'a Claim,
-    /// By the run's place on the page.
-    rulings: Vec<(usize, &'a Ruling)>,
+/// A claim with its rulings in several runs.
+pub(crate) struct RuledClaim<'a> {
+    pub section: &'a Section<'a>,
+    pub claim: &'a Claim,
+    pub rulings: Vec<RunRuling<'a>>,
+}
+
+pub(crate) struct RunRuling<'a> {
+    /// Place of the run among the others.
+    pub run: usize,
+    /// As the run defines it.
+    pub claim: &'a Claim,
+    pub ruling: &'a Ruling,
 }
 
 impl RuledClaim<'_> {
     /// The worst verdict of all runs.
     fn verdict(&self) -> Verdict {
-        let verdicts = self.rulings.iter().map(|(_, ruling)| ruling.verdict);
-        verdicts.min().unwrap_or(Verdict::NotRun)
+        self.verdicts().min().unwrap_or(Verdict::NotRun)
+    }
+
+    pub fn verdicts(&self) -> impl Iterator<Item = Verdict> {
+        self.rulings.iter().map(|of_run| of_run.ruling.verdict)
     }
 
     /// How far the furthest figure of any run lies outside its band.
     fn excess(&self) -> f64 {
-        let figures = self.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
+        let figures = self.rulings.iter().filter_map(|of_run| of_run.ruling.deciding.first());
         figures.map(RuledFigure::excess).fold(0.0, f64::max)
     }
 }
 
 pub fn parts(page: &Page<'_>) -> Vec<Block> {
-    let mut rows = rows(page);
+    let mut rows = ruled_claims(page.runs.iter().map(|run| run.view));
     if rows.is_empty() {
         return Vec::new();
     }
@@ -118,17 +129,14 @@ fn table_of(page: &Page<'_>, rows: &[&RuledClaim<'_>], about: &str) -> Table {
 }
 
 /// Claims in the order of their experiments, each once.
-fn rows<'a>(page: &'a Page<'a>) -> Vec<RuledClaim<'a>> {
+pub(crate) fn ruled_claims<'a>(views: impl Iterator<Item = &'a Report<'a>>) -> Vec<RuledClaim<'a>> {
     let mut rows = IndexMap::<(&str, &str), RuledClaim<'_>>::new();
-    for (place, run) in page.runs.iter().enumerate() {
-        for section in &run.view.sections {
+    for (run, view) in views.enumerate() {
+        for section in &view.sections {
             for (claim, ruling) in section.claims() {
-                let row = rows.entry((section.id, &claim.id)).or_insert_with(|| RuledClaim {
-                    section,
-                    claim,
-                    rulings: Vec::new(),
-                });
-                row.rulings.push((place, ruling));
+                let row = rows.entry((section.id, &claim.id));
+                let row = row.or_insert_with(|| RuledClaim { section, claim, rulings: Vec::new() });
+                row.rulings.push(RunRuling { run, claim, ruling });
             }
         }
     }
@@ -138,13 +146,14 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<RuledClaim<'a>> {
 /// A row for each run.
 fn fields(page: &Page<'_>, row: &RuledClaim<'_>) -> Vec<[Line; 6]> {
     let (claim, ends) = (row.claim, ends(row));
-    let of_run = |(index, (place, ruling)): (usize, &(usize, &Ruling))| {
+    let of_run = |(index, of_run): (usize, &RunRuling<'_>)| {
+        let ruling = of_run.ruling;
         let mut sentence = Line::default();
         if index == 0 {
             sentence = Line::from(claim.text.as_str()).and(" ").and(row.section.span());
         }
         if page.is_overlay() {
-            sentence = sentence.and(Span::Faint(format!(" {}", page.runs[*place].label)));
+            sentence = sentence.and(Span::Faint(format!(" {}", page.runs[of_run.run].label)));
         }
         let reason = Block::paragraph(ruling.reason.as_str());
         let why = [Some(reason), comparisons(ruling), Some(grounds(claim, ruling))];
@@ -208,15 +217,13 @@ pub fn verdict_mark(ruling: &Ruling) -> Span {
 
 /// Of one axis for a claim's figures of all runs, so that they can be compared by eye.
 fn ends(row: &RuledClaim<'_>) -> [f64; 2] {
-    let deciding = row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
+    let deciding = row.rulings.iter().filter_map(|of_run| of_run.ruling.deciding.first());
     let ends = deciding.flat_map(|deciding| {
         let Interval { low, high } = deciding.interval.unwrap_or(deciding.band);
         [deciding.value, low, high, deciding.band.low, deciding.band.high]
     });
     let values = ends.chain(row.claim.published).filter(|value| value.is_finite());
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (low.min(value), high.max(value))
-    });
+    let (low, high) = values.minmax().into_option().unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
     let room = ROOM * (high - low).max(1e-3 * high.abs().max(low.abs())).max(f64::MIN_POSITIVE);
     [low - room, high + room]
 }

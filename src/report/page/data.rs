@@ -43,10 +43,10 @@ fn rows(measured: &Measured) -> Vec<[String; 6]> {
     of_frame.into_iter().chain(stages).collect()
 }
 
-/// Name, median, least and largest in ms, number of samples, clock. `below_ns` is the duration below which none can be told from none.
+/// Name, median, minimum and maximum in ms, number of samples, clock. `below_ns` is the clock's resolution where the time is below it.
 fn row(name: &str, samples_ns: &[f64], clock: &str, below_ns: Option<f64>) -> [String; 6] {
     let ms = |ns: f64| three(ns / NS_PER_MS);
-    let [median, least, largest] = match below_ns {
+    let [median, min, max] = match below_ns {
         Some(ns) => [format!("< {}", ms(ns)), String::new(), String::new()],
         None if samples_ns.is_empty() => ["–".to_owned(), String::new(), String::new()],
         None => {
@@ -55,7 +55,7 @@ fn row(name: &str, samples_ns: &[f64], clock: &str, below_ns: Option<f64>) -> [S
                 .map(|ns| ns.map(ms).unwrap_or_default())
         }
     };
-    [name.to_owned(), median, least, largest, samples_ns.len().to_string(), clock.to_owned()]
+    [name.to_owned(), median, min, max, samples_ns.len().to_string(), clock.to_owned()]
 }
 
 /// JSON, compressed by gzip, as base64. The same records give the same bytes.

@@ -220,6 +220,7 @@ mod tests {
             assert_eq!(rates.contains("Measured (interval)"), !software);
             assert!(text.contains(ratios) && rates.contains("GeForce GTX 260"), "{text}");
         }
+        assert_eq!(testing::written(SECTION.write, &[]), "");
     }
 
     #[test]
@@ -240,10 +241,5 @@ mod tests {
         // Bounds and ranges have no ratio.
         let photons = section("uw-photons");
         assert!(matched(photons).len() >= 2 && rate_pairs(photons).is_empty());
-    }
-
-    #[test]
-    fn a_run_without_published_figures_has_no_section() {
-        assert_eq!(testing::written(SECTION.write, &[]), "");
     }
 }

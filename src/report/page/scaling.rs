@@ -1,6 +1,7 @@
 //! How times and errors grow: the fitted exponents. The plots that they were fitted in stand with their experiments.
 
 use super::{Fold, Page, PageSection};
+use crate::charts::names;
 use crate::document::{self, Block, ColumnKind, Field, Line};
 use crate::facts;
 use crate::format::si;
@@ -21,12 +22,12 @@ pub fn parts(page: &Page<'_>) -> Vec<Block> {
         table = table.with_rows(facts::exponents(run.view).into_iter().map(|exponent| {
             let group =
                 Some(format!(" ({})", exponent.group)).filter(|_| !exponent.group.is_empty());
-            let fit = &exponent.fit;
+            let (fit, x_title) = (&exponent.fit, exponent.plot.x_title.clone());
             let fields = [
                 exponent.section.span().into(),
-                Line::from(exponent.y_title()).and(group.unwrap_or_default()).into(),
-                exponent.x_title().into(),
-                Field { line: exponent.text().into(), value: Some(fit.exponent()) },
+                Line::from(names::measure(exponent.y)).and(group.unwrap_or_default()).into(),
+                x_title.unwrap_or_else(|| exponent.x.label().words).into(),
+                Field { line: facts::exponent(fit).into(), value: Some(fit.exponent()) },
                 format!("{} – {}", si(fit.range.0), si(fit.range.1)).into(),
                 fit.slope.n.to_string().into(),
             ];

@@ -69,11 +69,6 @@ fn frames<'a>(page: &'a Page<'a>) -> Vec<SameFrame<'a>> {
     in_runs.collect()
 }
 
-fn frame_ms(frame: &Representative<'_>) -> String {
-    let frame = &frame.measured.frame;
-    format::ms(&frame.untimed, &frame.untimed_samples_ns)
-}
-
 fn resolved<'a>(frame: &Representative<'a>) -> Vec<StageShare<'a>> {
     frame.stages().into_iter().filter(|share| share.stage.is_resolved()).collect()
 }
@@ -101,10 +96,10 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
     let rows = long.iter().map(|share| stage_row(page, share)).chain(others).chain(gaps);
     let mut rows: Vec<[Field; 5]> = rows.map(|row| row.map(Field::from)).collect();
     if let Some(first) = rows.first_mut() {
-        let cell = frame.cell;
+        let (cell, times) = (frame.cell, &frame.measured.frame);
         let place = format!(" ({} {}, {})", cell.experiment, cell.cell, frame.conditions());
-        let n = frame.measured.frame.untimed.n;
-        let summary = Line::from(format!("{}: {} ms, n = {n}", cell.pipeline, frame_ms(frame)));
+        let (ms, n) = (format::ms(&times.untimed, &times.untimed_samples_ns), times.untimed.n);
+        let summary = Line::from(format!("{}: {ms} ms, n = {n}", cell.pipeline));
         first[0] = summary.and(Span::Faint(place)).into();
     }
     rows
@@ -140,6 +135,7 @@ mod tests {
         let shares = titles.map(|title| title.split([';', '%']).nth(1).unwrap().trim());
         let sum: f64 = shares.map(|share| share.parse::<f64>().unwrap()).sum();
         assert!((sum - 100.0).abs() < 1.0, "{sum}");
+        assert_eq!(written(SECTION.write, &fixtures::all_skipped()), "");
     }
 
     #[test]
@@ -171,10 +167,5 @@ mod tests {
         assert!(bars.contains("underwater, ") && !bars.contains("underwater, caustics/trace"));
         let row = html.split("<tr>").find(|row| row.contains("caustics/trace")).unwrap();
         assert_eq!(row.matches("&lt; ").count(), 2, "{row}");
-    }
-
-    #[test]
-    fn nothing_is_written_where_nothing_was_timed() {
-        assert_eq!(written(SECTION.write, &fixtures::all_skipped()), "");
     }
 }

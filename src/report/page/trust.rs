@@ -1,5 +1,7 @@
 //! How far the run can be trusted: its clocks, the cost and precision of its times, and their drift.
 
+use std::collections::BTreeMap;
+
 use super::{Fold, Page, PageSection};
 use crate::Report;
 use crate::document::{self, Block, ColumnKind, Line, Span, Table, Tone};
@@ -132,13 +134,8 @@ fn accounting(view: &Report<'_>) -> String {
 /// How many timed frames were not used, by reason.
 fn rejected(view: &Report<'_>) -> String {
     let rejected = view.measured().flat_map(|(_, measured)| &measured.rejected);
-    let mut reasons: Vec<(&Rejection, u32)> = Vec::new();
-    for found in rejected.sorted_by(|a, b| a.rejection.cmp(&b.rejection)) {
-        match reasons.last_mut() {
-            Some((reason, frames)) if *reason == &found.rejection => *frames += found.frames,
-            _ => reasons.push((&found.rejection, found.frames)),
-        }
-    }
+    let mut reasons = BTreeMap::<&Rejection, u32>::new();
+    rejected.for_each(|of| *reasons.entry(&of.rejection).or_default() += of.frames);
     if reasons.is_empty() {
         return "Frames rejected: none.".to_owned();
     }

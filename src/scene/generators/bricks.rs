@@ -150,15 +150,15 @@ pub fn loose_bricks(a: &LooseBricks) -> Mesh {
     let mut mesh = Mesh::default();
     for _ in 0..a.count {
         let (x, z) = (dice.between(-0.5, 0.5) * a.width, dice.between(-0.5, 0.5) * a.depth);
-        let turn = dice.between(0.0, TAU);
+        let angle = dice.between(0.0, TAU);
         let second = dice.between(0.0, 1.0) > 0.7;
         let mut pile = random_brick(&mut dice);
         if second {
-            let turned = DMat4::from_rotation_y(dice.between(0.2, 1.2));
-            let upper = random_brick(&mut dice).transformed(&turned);
+            let rotation = DMat4::from_rotation_y(dice.between(0.2, 1.2));
+            let upper = random_brick(&mut dice).transformed(&rotation);
             pile.append(&moved(upper, 0.0, BRICK + STUD_HEIGHT, 0.0));
         }
-        let pile = pile.transformed(&DMat4::from_rotation_y(turn));
+        let pile = pile.transformed(&DMat4::from_rotation_y(angle));
         mesh.append(&moved(pile, x, 0.0, z));
     }
     placed(mesh, 0, 0)

@@ -56,7 +56,7 @@ pub fn level() -> Mesh {
             }
             if kind == 'p' {
                 let base = if line.contains('=') { PLATFORM * height } else { 0.0 };
-                mesh.append(&pillars((start, end), base, |i| place(i, row as f64 + 0.5)));
+                mesh.append(&pillars(start, end, base, |i| place(i, row as f64 + 0.5)));
             }
         }
     }
@@ -91,7 +91,7 @@ fn blocks(kind: char) -> Vec<[f64; 2]> {
 }
 
 /// Pillars of a run, each with a foot and a head; what they stand on fills their square.
-fn pillars((start, end): (usize, usize), base: f64, place: impl Fn(f64) -> (f64, f64)) -> Mesh {
+fn pillars(start: usize, end: usize, base: f64, place: impl Fn(f64) -> (f64, f64)) -> Mesh {
     let (cell, height, sides) = (CELL, HEIGHT, PILLAR_SIDES);
     let half = 0.35 * cell;
     let thick = 0.06 * height;

@@ -197,8 +197,8 @@ fn stone(dice: &mut Dice, radius: f64, seed: u32, (x, z): (f64, f64)) -> Mesh {
     });
     let yaw = dice.between(0.0, TAU);
     let mut tilt = || dice.between(-0.3, 0.3);
-    let turn = DMat4::from_euler(EulerRot::YXZ, yaw, tilt(), tilt());
-    moved(mesh.transformed(&turn), x, 0.25 * radius, z)
+    let rotation = DMat4::from_euler(EulerRot::YXZ, yaw, tilt(), tilt());
+    moved(mesh.transformed(&rotation), x, 0.25 * radius, z)
 }
 
 /// Outside, inside and gunwale of the planking, and thwarts.

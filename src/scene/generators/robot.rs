@@ -32,10 +32,10 @@ const FOREARM: f64 = 0.15;
 const KNEE: f64 = 1.2;
 
 pub fn robot() -> Mesh {
-    let [stride, swing, elbow, spread, turn] =
+    let [stride, swing, elbow, spread, angle] =
         [STRIDE, SWING, ELBOW, SPREAD, HEAD_TURN].map(f64::to_radians);
     let rows = ROWS;
-    let mut mesh = merged([torso(rows), head(rows, turn)]);
+    let mut mesh = merged([torso(rows), head(rows, angle)]);
     for side in [-1.0, 1.0] {
         let forward = side * stride;
         let hip = DMat4::from_translation(HIP * DVec3::new(side, 1.0, 1.0))
@@ -81,7 +81,7 @@ fn torso(rows: usize) -> Mesh {
     ])
 }
 
-fn head(rows: usize, turn: f64) -> Mesh {
+fn head(rows: usize, angle: f64) -> Mesh {
     let neck = moved(cylinder(0.025, 0.06, 2 * rows), 0.0, 0.81, 0.0);
     let skull = moved(block(0.12, 0.1, 0.11), 0.0, 0.86, 0.0);
     let visor = moved(block(0.1, 0.03, 0.02), 0.0, 0.905, 0.055);
@@ -92,8 +92,8 @@ fn head(rows: usize, turn: f64) -> Mesh {
     });
     let antenna = moved(cylinder(0.004, 0.035, 8), 0.035, 0.955, -0.02);
     let bulb = moved(sphere(0.009, rows), 0.035, 0.991, -0.02);
-    let turned = [skull, visor, antenna, bulb].into_iter().chain(ears);
-    merged([neck, merged(turned).transformed(&DMat4::from_rotation_y(turn))])
+    let rotated = [skull, visor, antenna, bulb].into_iter().chain(ears);
+    merged([neck, merged(rotated).transformed(&DMat4::from_rotation_y(angle))])
 }
 
 /// Hangs down from the hip at the origin; the foot stays level.

@@ -169,9 +169,9 @@ fn stacked(dice: &mut Dice, count: usize, size: f64, (x, z): (f64, f64)) -> Mesh
     for _ in 0..count {
         let edge = size * dice.between(0.75, 1.0);
         let shape = DVec3::new(edge, edge * dice.between(0.7, 1.0), edge);
-        let turn = DMat4::from_rotation_y(dice.between(-0.18, 0.18));
+        let rotation = DMat4::from_rotation_y(dice.between(-0.18, 0.18));
         let shift = (0.06 * size * dice.between(-1.0, 1.0), 0.06 * size * dice.between(-1.0, 1.0));
-        let one = wooden_crate(shape).transformed(&turn);
+        let one = wooden_crate(shape).transformed(&rotation);
         mesh.append(&moved(one, x + shift.0, y, z + shift.1));
         y += shape.y;
     }
@@ -218,7 +218,7 @@ pub fn barrels(a: &Barrels) -> Mesh {
             }
         }
         places.push(best);
-        let turn = DMat4::from_rotation_y(dice.between(0.0, TAU));
+        let rotation = DMat4::from_rotation_y(dice.between(0.0, TAU));
         let fallen = dice.between(0.0, 1.0) < a.fallen;
         let one = if fallen {
             let lying = DMat4::from_rotation_z(FRAC_PI_2);
@@ -226,7 +226,7 @@ pub fn barrels(a: &Barrels) -> Mesh {
         } else {
             barrel(h)
         };
-        mesh.append(&moved(one.transformed(&turn), best.0, 0.0, best.1));
+        mesh.append(&moved(one.transformed(&rotation), best.0, 0.0, best.1));
     }
     mesh
 }
@@ -276,14 +276,14 @@ pub fn pipe(a: &Pipe) -> Mesh {
     let (half, y, r) = (0.5 * a.length_m, a.height_m, a.radius_m);
     let bend = (3.0 * r).min(0.5 * y).min(0.5 * half);
     // A quarter circle at either end, from the upright to the level part.
-    let turn = |side: f64, i: i32| {
+    let elbow = |side: f64, i: i32| {
         let (sin, cos) = (FRAC_PI_2 * f64::from(i) / 10.0).sin_cos();
         let x = side * (half - bend * (1.0 - cos));
         DVec3::new(x, y - bend * (1.0 - sin), 0.0)
     };
     let mut path = vec![DVec3::new(-half, 0.0, 0.0)];
-    path.extend((0..=10).map(|i| turn(-1.0, i)));
-    path.extend((0..=10).rev().map(|i| turn(1.0, i)));
+    path.extend((0..=10).map(|i| elbow(-1.0, i)));
+    path.extend((0..=10).rev().map(|i| elbow(1.0, i)));
     path.push(DVec3::new(half, 0.0, 0.0));
     let flange = |x: f64| {
         let across = DMat4::from_rotation_z(FRAC_PI_2);

@@ -172,8 +172,8 @@ mod tests {
             // Eight patches end in a pole.
             assert_eq!(mesh.triangle_count(), 64 * n * n - 8 * n);
             let sides = (0..mesh.triangle_count()).map(|t| mesh.triangle(t));
-            let least = sides.map(|[a, b, c]| (b - a).cross(c - a).length());
-            assert!(least.fold(f64::INFINITY, f64::min) > 1e-8, "{divisions}");
+            let areas = sides.map(|[a, b, c]| (b - a).cross(c - a).length());
+            assert!(areas.fold(f64::INFINITY, f64::min) > 1e-8, "{divisions}");
         }
         // The default, with the triangles of the paper.
         assert!(teapot(&Teapot::default()).triangle_count().abs_diff(2257) <= 10);

@@ -76,14 +76,14 @@ fn rewritten(modules: &[Module], angle: f64, dice: &mut Dice) -> Vec<Module> {
             after.push(*module);
             continue;
         };
-        let turn = angle * dice.between(0.75, 1.25);
+        let angle_rad = angle * dice.between(0.75, 1.25);
         after.extend([
             Module::Segment { length: length * dice.between(0.8, 1.2) },
             Module::Push,
-            Module::Turn(turn),
+            Module::Turn(angle_rad),
             Module::Apex { length: length * SIDE },
             Module::Pop,
-            Module::Turn(-RECOIL * turn),
+            Module::Turn(-RECOIL * angle_rad),
             Module::Roll((DIVERGENCE_DEG + dice.between(-25.0, 25.0)).to_radians()),
             Module::Apex { length: length * LEADING },
         ]);

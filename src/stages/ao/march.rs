@@ -77,15 +77,7 @@ pub fn new(
         let Some(scissor) = rectangle(&view_projection, &reach, size_px) else { continue };
         drawn.push(Draws { rasters, scissor, samples: marching.samples_in(&voxels.grid) as u64 });
     }
-    // Fragments of the volumes' rectangles, and trilinear samples at most: rays end early at hits and at the volume's border.
-    let fragments = drawn.iter().map(Draws::pixels).sum();
-    let rays = u64::from(marching.rays);
-    let work = Work {
-        fragments,
-        texel_fetches: drawn.iter().map(|volume| volume.pixels() * rays * volume.samples).sum(),
-        bytes_written: fragments * 2,
-        ..Work::default()
-    };
+    let work = work(&drawn, marching.rays);
     // The background has no samples, and closed rays end.
     let least = Work { texel_fetches: 0, ..work };
     let canvas = Canvas::new(resources, &spec, size_px, wgpu::Color::WHITE);
@@ -103,6 +95,14 @@ pub fn new(
         });
     });
     Ok(visible(stage.with_min_work(least).with_output(texture), "visibility"))
+}
+
+/// Fragments of the volumes' rectangles, and trilinear samples at most: rays end early at hits and at the volume's border.
+fn work(drawn: &[Draws], rays: u32) -> Work {
+    let fragments = drawn.iter().map(Draws::pixels).sum();
+    let samples = |volume: &Draws| volume.pixels() * u64::from(rays) * volume.samples;
+    let texel_fetches = drawn.iter().map(samples).sum();
+    Work { fragments, texel_fetches, bytes_written: fragments * 2, ..Work::default() }
 }
 
 /// What a frame's marching takes, counted.

@@ -35,7 +35,7 @@ pub fn new(
     let least = Work { primitives, bytes_written: pass.pixels() * 4, ..Work::default() };
     let hits = pass.texture().clone();
     let stage = Stage::new(&INFO, work, move |scope| {
-        let first = scope.turn() % tiles * rows;
+        let first = scope.iteration() % tiles * rows;
         let last = (first + rows).min(photons);
         pass.render(scope, |pass| pass.draw(0..2, first..last));
     });

@@ -63,7 +63,7 @@ pub fn new(
     // A hit hides its right neighbour; all turns write to the same textures.
     let least = Work { texel_fetches: work.texel_fetches / 2, bytes_written: texels * 4, ..work };
     let stage = Stage::new(&INFO, work, move |scope| {
-        let last = &lasts[scope.turn() as usize % lasts.len()];
+        let last = &lasts[scope.iteration() as usize % lasts.len()];
         scope.compute(|pass| halvings.iter().chain([last]).for_each(|step| step.run(pass)));
     });
     let output = screen_ray::output(&photons);

@@ -34,10 +34,10 @@ shader_struct! {
     }
 }
 
-/// Fates of photons that do not land, as in the shader. Dumps show their bits as −1, −2 and −3 m.
-pub const MISSED: u32 = 0xbf80_0000;
-pub const OUTSIDE: u32 = 0xc000_0000;
-pub const STILL_BOUNCING: u32 = 0xc040_0000;
+/// Fates of photons that have not landed, as in the shader: the upper bit tells them from a residual.
+pub const MISSED: u32 = 0x8000_0001;
+pub const OUTSIDE: u32 = 0x8000_0002;
+pub const STILL_BOUNCING: u32 = 0x8000_0003;
 
 /// What becomes of a photon.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +59,16 @@ impl Photon {
             OUTSIDE => Fate::LeftLight,
             STILL_BOUNCING => Fate::StillBouncing,
             bits => Fate::Landed { residual_m: f32::from_bits(bits) },
+        }
+    }
+
+    /// What dumps hold of its fate: its residual, or a negative number.
+    pub fn residual_column(&self) -> f32 {
+        match self.fate() {
+            Fate::Landed { residual_m } => residual_m,
+            Fate::MissedWater => -1.0,
+            Fate::LeftLight => -2.0,
+            Fate::StillBouncing => -3.0,
         }
     }
 
@@ -315,7 +325,7 @@ pub fn tracing(
 /// The columns of a stored photon: entry, direction, hit, distance, residual, converged, weight.
 fn row(stored: &[f32], energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
     let photon: &Photon = bytemuck::from_bytes(bytemuck::cast_slice(stored));
-    let residual_m = f32::from_bits(photon.fate);
+    let residual_m = photon.residual_column();
     let converged = (0.0..=tolerance_m).contains(&residual_m);
     let mut row = Vec::with_capacity(13);
     for place in [photon.entry_m, direction(photon).as_vec3(), photon.hit_m] {

@@ -15,8 +15,8 @@ shader_struct! {
     pub struct Transfer {
         /// Where the photon leaves its last specular surface.
         pub position_m: Vec3,
-        /// One of [`NEVER`], [`FIRST`] and those in `shaders/shared/transfer.wgsl`.
-        pub state: f32,
+        /// [`NEVER`], or another of `shaders/shared/transfer.wgsl`.
+        pub state: u32,
         /// Unit vector along which it goes on.
         pub direction: Vec3,
         /// Way under water that is behind it.
@@ -25,9 +25,7 @@ shader_struct! {
 }
 
 /// State of a photon that never got here.
-pub const NEVER: f32 = 0.0;
-/// State of one on its first way.
-pub const FIRST: f32 = 1.0;
+pub const NEVER: u32 = 0;
 
 /// The transfer map: a photon an entry.
 #[derive(Clone)]
@@ -53,7 +51,12 @@ impl Transfers {
         let meaning =
             "the transfer map: a photon a row, in the order of the light's grid or of the pixels";
         let rows = (&*self.buffer, size_of::<Transfer>() / 4, self.count);
-        StageDump::rows("transfers", meaning, columns, rows, <[f32]>::to_vec)
+        let row = |stored: &[f32]| {
+            let mut row = stored.to_vec();
+            row[3] = stored[3].to_bits() as f32;
+            row
+        };
+        StageDump::rows("transfers", meaning, columns, rows, row)
     }
 }
 
@@ -304,5 +307,11 @@ pub fn output(photons: &Photons) -> StageDump {
     ];
     let meaning = "photons and the first surface of the layers that each ray meets";
     let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
-    StageDump::rows("photons", meaning, columns, rows, <[f32]>::to_vec)
+    let row = |stored: &[f32]| {
+        let photon: &Photon = bytemuck::from_bytes(bytemuck::cast_slice(stored));
+        let mut row = stored.to_vec();
+        row[3] = photon.residual_column();
+        row
+    };
+    StageDump::rows("photons", meaning, columns, rows, row)
 }

@@ -59,7 +59,7 @@ pub fn new(
         ..Work::default()
     };
     let stage = Stage::new(&INFO, work, move |scope| {
-        let dispatch = &turns[scope.turn() as usize];
+        let dispatch = &turns[scope.iteration() as usize];
         scope.compute(|pass| dispatch.run(pass));
     });
     // Photons that have ended are passed over.

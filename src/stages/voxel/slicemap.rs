@@ -191,8 +191,11 @@ fn along(
             }
         });
     });
+    Ok(stage.with_min_work(least).dumps(outputs(&slicemaps)).with_output(slicemaps))
+}
+
+fn outputs(slicemaps: &[Buffer]) -> Vec<StageDump> {
     let meaning = "a bit for each slice, 32 slices a word; columns of the pass fastest, then rows";
     let output = |(number, slices)| words(&format!("slices-{number}"), meaning, slices);
-    let outputs: Vec<_> = slicemaps.iter().enumerate().map(output).collect();
-    Ok(stage.with_min_work(least).dumps(outputs).with_output(slicemaps))
+    slicemaps.iter().enumerate().map(output).collect()
 }

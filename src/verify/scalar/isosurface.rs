@@ -87,9 +87,9 @@ fn gaps(rig: &Rig<'_>) -> Checks {
             Attenuation::Hard => 1.0 - share * share,
         };
         let off = |share: f64| (a - law(share)).abs();
-        let ways = format!("{stop:?}, {attenuation:?}").to_lowercase();
+        let settings = format!("{stop:?}, {attenuation:?}").to_lowercase();
         let what =
-            format!("a gap of {share} r_max, {samples} samples, {ways}: error of the mean A");
+            format!("a gap of {share} r_max, {samples} samples, {settings}: error of the mean A");
         Ok(Check::new(rig, what)
             .within((0.01, "1"), off(share))
             .control("a gap a voxel wider", off(share + VOXEL_M / R_MAX_M))

@@ -162,8 +162,8 @@ impl VoxelScene {
 
     /// The grid moved by a share of a voxel: what controls are perturbed by.
     pub fn shifted(&self, voxels: f64) -> Grid {
-        let way = voxels * self.grid.voxel_m * DVec3::new(1.0, 0.7, 0.4);
-        Grid { origin_m: self.grid.origin_m + way, ..self.grid }
+        let shift = voxels * self.grid.voxel_m * DVec3::new(1.0, 0.7, 0.4);
+        Grid { origin_m: self.grid.origin_m + shift, ..self.grid }
     }
 }
 

@@ -1,4 +1,4 @@
-//! What promises the same answer by other means, over random settings and scenes: skipping, culling, fitted starts, another rasterizer,
+//! What promises the same answer by other means, over random settings and scenes: culling, fitted starts, another rasterizer,
 //! a scene at another scale, kept answers. `FATHOM_DRAWS` sets the number of draws; each draw's seed is its number, so a failure names what to repeat.
 
 mod answers;

@@ -3,6 +3,7 @@
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use fathom::scene::Mesh;
+use itertools::Itertools as _;
 
 use super::files::{GLTF, fan, glb, gzip, stl};
 use super::meshes::read;
@@ -38,6 +39,22 @@ const VERTICES: &str = "v 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nv 0 4 0\n";
 const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
     property list uchar int vertex_index\nend_header\n0 0 0\n4 0 0\n4 4 0\n2 1 0\n0 4 0\n5 0 1 2 3 4\n";
 
+/// [`PLY`] as a binary file, whose faces have flags.
+fn binary_ply(format: &str, line_end: &str) -> Vec<u8> {
+    let head = PLY.split_once("0 0 0").unwrap().0.replace("ascii", format);
+    let head = head.replace("property list", "property uchar flags\nproperty list");
+    let head = head.replace('\n', line_end).into_bytes();
+    let in_order = |mut bytes: [u8; 4]| {
+        if format == "binary_big_endian" {
+            bytes.reverse();
+        }
+        bytes
+    };
+    let positions = fan()[..60].as_chunks::<4>().0.iter().copied().flat_map(in_order).collect();
+    let corners = (0..5u32).map(u32::to_le_bytes).flat_map(in_order).collect();
+    [head, positions, vec![10, 5], corners].concat()
+}
+
 /// STL files of this mesh.
 fn stls(plain: &Mesh) -> Vec<(&'static str, Vec<u8>)> {
     let facets: Vec<_> = (0..plain.triangle_count())
@@ -58,7 +75,9 @@ fn stls(plain: &Mesh) -> Vec<(&'static str, Vec<u8>)> {
         ("capitals", text.to_ascii_uppercase()),
         ("solids without facets", format!("solid\nendsolid\n{text}solid b\nendsolid b\n")),
         ("normals of length 0", text.replace("0 0 1", "0 0 0")),
-        ("normals that are no numbers", text.replace("normal 0 0 1", "normal nan inf x")),
+        ("normals that are no numbers", text.replace("normal 0 0 1", "normal -nan(ind) inf x")),
+        ("names of several words", text.replace("solid a", "solid a b")),
+        ("end solid", text.replace("endsolid", "end solid")),
         ("zeros with a sign", text.replace("vertex 0 0 0", "vertex -0 -0 -0")),
     ];
     let texts = texts.into_iter().map(|(what, text)| (what, text.into_bytes()));
@@ -224,10 +243,20 @@ fn files_of_every_style_are_the_plain_mesh() {
             "colours",
             PLY.replace("float z\n", "float z\nproperty uchar red\n").replace(" 0\n", " 0 255\n"),
         ),
+        ("other numbers", PLY.replace("4 4 0", "4. .4E1 -0.")),
+        (
+            "numbers that are none, of no use",
+            PLY.replace("float z\n", "float z\nproperty float q\n")
+                .replace(" 0\n", " 0 -nan(ind)\n"),
+        ),
     ];
     let of_kind = |name: &'static str, rows: &[(&'static str, String)]| -> Vec<_> {
         rows.iter().map(|(what, text)| (name, *what, load(name, text))).collect()
     };
+    let binaries = ["binary_little_endian", "binary_big_endian"].into_iter();
+    let binaries = binaries.cartesian_product(["\n", "\r\n", "\r"]);
+    let binaries =
+        binaries.map(|(format, end)| ("a.ply", format, load("a.ply", binary_ply(format, end))));
     let stls =
         stls(&plain_mesh).into_iter().map(|(what, bytes)| ("a.stl", what, load("a.stl", bytes)));
     let of_gltf = |(what, changes, binary): (&'static str, &str, Vec<u8>)| {
@@ -237,7 +266,7 @@ fn files_of_every_style_are_the_plain_mesh() {
         [("a.glb", glb(&json, &binary)), ("a.gltf", format!("\u{feff}{embedded}").into_bytes())]
             .map(|(name, bytes)| (name, what, load(name, bytes)))
     };
-    let others = stls.chain(gltfs().into_iter().flat_map(of_gltf));
+    let others = binaries.chain(stls).chain(gltfs().into_iter().flat_map(of_gltf));
     let texts = [of_kind("a.obj", &objs), of_kind("a.ply", &plys)].concat();
     for (name, what, read) in texts.into_iter().chain(others) {
         assert_eq!(read.as_ref(), Ok(&plain), "{name}: {what}");

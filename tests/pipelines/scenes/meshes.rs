@@ -87,20 +87,36 @@ fn obj_faults_are_told() {
 fn ply_faults_are_told() {
     let with = |from: &str, to: &str| fault("a.ply", PLY.replace(from, to).as_bytes());
     assert!(with("ply\n", "plaything\n").contains("starts with the line `ply`"));
-    assert!(with("ascii", "binary_little_endian").contains("only ascii"));
+    assert!(with("ascii", "binary_little_endian").contains("vertex 2 of 4: the file ends within"));
+    assert!(with("ascii", "base64").contains("Line 2: Couldn't parse line. `format base64 1.0`"));
     assert!(with("element vertex 4", "element vertex 4000000000").contains("at most"));
     assert!(with("element vertex 4", "element vertex -4").contains("element vertex -4"));
+    assert!(with("float z", "float y\nproperty float z").contains("declares an element or a prop"));
+    assert!(with("element face", "element vertex").contains("declares an element or a property"));
     assert!(with("float z", "float w").contains("x, y, z"));
-    assert!(with("end_header", "the_end").contains("not a line of a PLY header"));
-    assert!(with("1 1 0 1", "1 nan 0 1").contains("line 14: a coordinate is not finite"));
+    assert!(with("end_header", "the_end").contains("the file ends within its header"));
+    assert!(with("1 1 0 1", "1 nan 0 1").contains("vertex 2 is [1.0, NaN, 0.0]"));
+    assert!(with("1 1 0 1", "1 -nan(ind) 0 1").contains("`-nan(ind)` is not a valid number"));
     assert!(with("1 1 0 1", "1 1").contains("line 14: the line has too few numbers"));
     assert!(with("4 0 1 2 3", "4 0 1 2 7").contains("uses vertex 7"));
     assert!(with("4 0 1 2 3", "4 0 1 2").contains("too few"));
     assert!(with("4 0 1 2 3", "2 0 1").contains("face of 2 corners"));
-    assert!(with("4 0 1 2 3", "18446744073709551615 0 1 2 3").contains("more than"));
-    assert!(with("4 0 1 2 3\n", "").contains("the file ends before face 0 of 1"));
+    assert!(with("4 0 1 2 3", "4 0 1 2 -3").contains("no list of indices"));
+    assert!(with("4 0 1 2 3", "18446744073709551615 0 1 2 3").contains("too few"));
+    assert!(with("4 0 1 2 3\n", "").contains("face 0 of 1: line 15: the file ends before it"));
     let long = "x".repeat(70_000);
     assert!(with("made", &long).contains("longer than"));
+    let binary = |count: u32, corners: &[u32]| {
+        let head = PLY.split_once("0 0 0 1").unwrap().0.replace("ascii", "binary_little_endian");
+        let head = head.replace("list uchar", "list uint");
+        let numbers =
+            std::iter::once(&count).chain(corners).flat_map(|number| number.to_le_bytes());
+        fault("a.ply", &[head.into_bytes(), vec![0; 64], numbers.collect()].concat())
+    };
+    assert!(binary(3, &[0, 1, 4]).contains("uses vertex 4, but there are 4"));
+    assert!(binary(3, &[0, 1, u32::MAX]).contains("no list of indices"));
+    assert!(binary(u32::MAX, &[0, 1, 2]).contains("face 0 of 1: the file ends within it"));
+    assert!(binary(u32::MAX, &[0; 1 << 15]).contains("face 0 of 1: longer than 65536 bytes"));
 }
 
 #[test]
@@ -142,10 +158,9 @@ fn gltf_faults_are_told() {
         (r#"mode":6|mode":0"#, "it has no triangles"),
         (r#"{"mesh":0}|{"mesh":0,"children":[0]}"#, "node 0 stands below two nodes"),
         (r#""scene":0,"scenes":[{"nodes":[0]}],|"#, "it has no scene"),
-        (
-            r#"560}|560,"uri":"a.bin"}"#,
-            "buffer 0 is another file, which is not read: save it as .glb",
-        ),
+        (r#"560}|561}"#, "buffer 0 has 560 bytes and claims 561"),
+        (r#"560}|560,"uri":"a.bin"}"#, "buffer 0 is `a.bin`: "),
+        (r#""2.0"|"1.0"|"nodes":[{"mesh":0}]|"nodes":{"a":{}}"#, "it is glTF 1.0: only version 2"),
         (r#"560}|560,"uri":"data:;base64,?"}"#, "buffer 0 is no base64"),
         (
             r#"{"asset"|{"extensionsRequired":["KHR_draco_mesh_compression"],"asset""#,
@@ -162,6 +177,52 @@ fn gltf_faults_are_told() {
     beyond[60] = 9;
     assert!(fault("a.glb", &glb(GLTF, &beyond)).contains("uses vertex 9, but there are 5"));
     assert!(fault("a.glb", &glb(GLTF, &[])[..200]).contains("it ends within a chunk"));
+    assert!(fault("a.glb", b"glTF\x01\0\0\0").contains("it is glTF 1: only version 2.0"));
+}
+
+/// A changed buffer is a changed scene.
+#[test]
+fn buffers_beside_a_gltf_file_are_read_and_those_elsewhere_are_not() {
+    let place = tempfile::tempdir().unwrap();
+    let path = |name: &str| place.path().join(name);
+    std::fs::create_dir_all(path("own/below")).unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(path(name), bytes).unwrap();
+    for name in ["a.bin", "own/a.bin", "own/below/ü b.bin"] {
+        write(name, &fan());
+    }
+    write("own/short.bin", &fan()[..559]);
+    #[cfg(unix)]
+    for (link, to) in [("own/a.gltf.bin", "a.bin"), ("own/out.bin", "../a.bin")] {
+        std::os::unix::fs::symlink(to, path(link)).unwrap();
+    }
+    let load = |uri: &str| {
+        let json = changed(&format!(r#"560}}|560,"uri":"{uri}"}}"#));
+        write("own/a.gltf", json.as_bytes());
+        Mesh::read(&path("own/a.gltf"))
+    };
+    let plain = read("a.glb", &glb(GLTF, &fan()));
+    let inside = ["a.bin", "./a.bin", "below/ü b.bin", "below/%C3%BC%20b.bin", "a.gltf.bin"];
+    for uri in &inside[..if cfg!(unix) { 5 } else { 4 }] {
+        assert_eq!(load(uri), plain, "{uri}");
+    }
+    let whole = path("own/a.bin").display().to_string().replace('\\', "/");
+    for uri in ["../a.bin", "%2e%2E/a.bin", "below/../../a.bin", "http://a.b/a.bin", &whole] {
+        let error = load(uri).unwrap_err();
+        assert!(error.contains("only files in the folder of the glTF file are read"), "{error}");
+    }
+    for (uri, reason) in [("short.bin", "has 559 bytes"), ("", "is ``: "), ("below", "a folder")] {
+        let error = load(uri).unwrap_err();
+        assert!(error.contains(reason) && error.lines().count() == 1, "{error}");
+    }
+    #[cfg(unix)]
+    assert!(load("out.bin").unwrap_err().contains("only files in the folder"));
+    load("a.bin").unwrap();
+    let digests = || Scene::load(path("own/a.gltf").to_str().unwrap()).unwrap().digests;
+    let before = digests();
+    write("own/a.bin", &[&fan()[..559], &[1]].concat());
+    let changed: Vec<_> = digests().into_iter().filter(|(k, v)| before[k] != *v).collect();
+    assert_eq!(changed.len(), 1, "{changed:?}");
+    assert_eq!(changed[0].0, "a.bin");
 }
 
 /// An object for each base colour, unless the scene file has a colour of its own.
@@ -208,8 +269,14 @@ fn faces_without_normals_get_their_own_beside_faces_that_have_some() {
 }
 
 #[test]
-fn names_and_remarks_of_obj_files_may_be_in_any_encoding() {
+fn names_and_remarks_may_be_in_any_encoding() {
     let obj =
         b"# Gr\xfc\xdfe\no S\xe4ule\nv 0 0 0 # \xfc\nv 1 0 0\nv 0 1 0\nf 1\nf 1 2\nf 1 2 3\r\n";
     assert_eq!(read("a.obj", obj).unwrap().triangle_count(), 1);
+    let (start, rest) = PLY.split_once("made").unwrap();
+    let ply = [start.as_bytes(), b"\xfc", rest.as_bytes()].concat();
+    assert_eq!(read("a.ply", &ply).unwrap().triangle_count(), 2);
+    let stl =
+        b"solid S\xe4ule\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nend solid S\xe4ule\n";
+    assert_eq!(read("a.stl", stl).unwrap().triangle_count(), 1);
 }

@@ -20,28 +20,17 @@ fn exported(place: &Place, words: &str) -> String {
 }
 
 #[test]
-fn every_format_of_a_run_can_be_had_alone() {
+fn each_format_can_be_had_alone_and_goes_where_it_is_told_to_go() {
     let place = folders();
     place.fathom("report run").ends(0);
     for (format, file) in [("csv", "cells.csv"), ("markdown", "summary.md")] {
         let written = place.read(format!("run/{file}"));
         assert_eq!(exported(&place, &format!("{format} run")), written, "{format}");
+        assert_eq!(exported(&place, &format!("{format} run -o a.txt")).trim(), "a.txt");
+        exported(&place, &format!("{format} run -o empty"));
+        assert_eq!([place.read("a.txt"), place.read(format!("empty/{file}"))], [&*written; 2]);
     }
-}
-
-#[test]
-fn a_file_goes_where_it_is_told_to_go() {
-    let place = folders();
-    let text = exported(&place, "csv run");
-    assert_eq!(exported(&place, "csv run -o a.csv").trim(), "a.csv");
-    assert_eq!(place.read("a.csv"), text);
-    exported(&place, "csv run -o empty");
-    assert_eq!(place.read("empty/cells.csv"), text);
-}
-
-#[test]
-fn formats_of_comparisons_are_found_by_what_the_folder_holds() {
-    let place = folders();
+    // Formats of comparisons are found by what the folder holds.
     holds(&exported(&place, "text comparison"), &["0 cells"]);
 }
 

@@ -60,9 +60,9 @@ fn vessel(p: DVec3) -> f64 {
 /// A trunk that winds upward, and branches around it, each with leaves at its end.
 fn grow() -> (Vec<Limb>, Vec<Cluster>) {
     let mut dice = Dice::new(SEED);
-    let turn = dice.between(0.0, TAU);
+    let start_angle = dice.between(0.0, TAU);
     let sway = |t: f64| {
-        let (sin, cos) = (turn + 4.0 * t).sin_cos();
+        let (sin, cos) = (start_angle + 4.0 * t).sin_cos();
         DVec3::new(0.09 * t * cos, -0.36 + 0.66 * t, 0.09 * t * sin)
     };
     let radius = |t: f64| 0.05 * (1.0 - 0.8 * t);
@@ -76,7 +76,7 @@ fn grow() -> (Vec<Limb>, Vec<Cluster>) {
         vec![Cluster { middle: sway(1.0) + DVec3::Y * 0.04, radii: DVec3::new(0.17, 0.1, 0.17) }];
     for i in (0..BRANCHES).map(f64::from) {
         let t = 0.4 + 0.5 * (i + 0.5) / f64::from(BRANCHES);
-        let angle = turn + 2.4 * i + dice.between(-0.3, 0.3);
+        let angle = start_angle + 2.4 * i + dice.between(-0.3, 0.3);
         let reach = (0.36 - 0.2 * t) * dice.between(0.8, 1.1);
         let tip = sway(t) + DVec3::new(reach * angle.cos(), 0.3 * reach, reach * angle.sin());
         let bend = sway(t).lerp(tip, 0.5) - DVec3::Y * (0.12 * reach);

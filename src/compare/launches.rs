@@ -1,11 +1,11 @@
-//! The time gate's schedule: which worker samples which cell when, and what is kept when a worker fails.
+//! Launches of the time gate: which worker samples which cell when, and what is kept when a worker fails.
 //!
 //! A *launch* is a fresh pair of workers, and two more for the control. In each of its rounds every cell is sampled once by
 //! each side, one right after the other; the order of cells is drawn anew each round, and which side comes first is drawn so
 //! that each comes first in half of the rounds. The control is sampled by two workers of its own, both of the base.
 //!
-//! Cells that this first measurement leaves open are measured once more, by as many launches of more rounds: most of the
-//! scatter between launches is scatter between pairs. The second measurement stands for itself.
+//! Cells that this first measurement leaves open are measured a second time, by as many launches of more rounds: most of the
+//! scatter between launches is scatter between pairs. The verdict then uses the second measurement alone.
 //!
 //! A launch counts when it has gone through all its rounds. One in which a worker died is discarded and run anew without the
 //! cell that killed it.
@@ -19,15 +19,15 @@ use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use strum::Display;
 
-use super::launch::WorkerFault;
+use super::worker_process::WorkerFault;
 use fathom_judge::schedule::GateSchedule;
 use fathom_record::MachineState;
 use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
 
-/// Launches that may fail for no cell's sake before the gate is given up.
+/// The gate is given up after so many failed launches that no cell caused.
 const MAX_BROKEN_LAUNCHES: u32 = 2;
 
-/// What a worker of a launch is there for.
+/// Role of a worker in a launch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display)]
 pub enum WorkerRole {
     #[strum(to_string = "base")]
@@ -119,7 +119,7 @@ pub fn run<E>(
     mut sink: impl FnMut(Vec<Compared>) -> Result<(), E>,
 ) -> Result<(), E> {
     let remaining = schedule.cells.iter().filter(|cell| !before.given_up.contains(cell));
-    let mut gate = Gatekeeper {
+    let mut gate = LaunchRunner {
         schedule,
         workers,
         launch: before.last.map_or(0, |last| last + 1),
@@ -152,7 +152,7 @@ pub fn run<E>(
 }
 
 /// Runs launches and keeps count of the cells that are left.
-struct Gatekeeper<'a> {
+struct LaunchRunner<'a> {
     schedule: &'a GateSchedule,
     workers: &'a mut dyn LaunchWorkers,
     /// Number of the launch that is run.
@@ -179,7 +179,7 @@ struct Visit {
     base_first: Vec<bool>,
 }
 
-impl Gatekeeper<'_> {
+impl LaunchRunner<'_> {
     fn launch(&mut self) -> LaunchOutcome {
         let start = Instant::now();
         let mut faults = Vec::new();

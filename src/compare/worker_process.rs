@@ -28,9 +28,9 @@ const SHELL: &str = "sh";
 /// A reply longer than this is garbage. The longest of fathom's own have some 50 KiB. Of one reply come lines of records, which are
 /// 4.5 times as long where numbers are written out, and may have 8 MiB.
 const MAX_REPLY_BYTES: u64 = 1 << 20;
-/// Replies that wait to be read. A worker that writes more, which nobody asked for, waits itself.
+/// Replies that wait to be read. A worker that writes more than was asked for is blocked.
 const REPLIES_AHEAD: usize = 1;
-/// Shortest time of a frame that is believed: below a picosecond it is none, and ratios to it have no logarithm.
+/// Shortest plausible time of a frame, a picosecond: ratios to a time of 0 have no logarithm.
 const SHORTEST_NS: f64 = 1e-3;
 /// What a sample may be longer than its request: as the audit allows of timestamps, which another clock counts.
 const CLOCK_TOLERANCE: f64 = 1.15;
@@ -74,7 +74,7 @@ fn after_colon(stderr: &str) -> String {
 }
 
 impl WorkerFault {
-    /// A fault that this side finds in a worker which is then of no more use.
+    /// A fault after which the worker cannot be used.
     pub(super) fn fatal(reason: String) -> Self {
         Self::Refused { reason, fatal: true, absent: false }
     }
@@ -94,7 +94,7 @@ const REPLY_TIMEOUT: Duration = Duration::from_secs(180);
 /// The same for a sample, in which a stage of milliseconds runs a few times.
 const SAMPLE_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// What ends the wait for a reply early, and who hears of a long one.
+/// How a reply is waited for.
 #[derive(Clone, Copy)]
 pub struct ReplyWait<'a> {
     /// The worker is killed as soon as this becomes true.
@@ -104,7 +104,7 @@ pub struct ReplyWait<'a> {
 }
 
 impl ReplyWait<'_> {
-    /// Nothing interrupts the wait and nobody hears of it.
+    /// Nothing interrupts the wait, and long waits are not reported.
     pub const SILENT: ReplyWait<'static> = ReplyWait { interrupted: None, report: &|_| {} };
 
     pub fn is_interrupted(&self) -> bool {
@@ -250,9 +250,9 @@ impl WorkerProcess {
             }
             if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
                 let (name, process, asked) = (&self.name, self.tree.id(), self.request);
-                let most = patience.as_secs();
+                let patience_s = patience.as_secs();
                 (waiting.report)(&format!(
-                    "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {most} s"
+                    "waiting for the {name} worker (process {process}) to answer `{asked}`, for at patience_s {patience_s} s"
                 ));
             }
         }
@@ -356,17 +356,17 @@ impl WorkerProcess {
         self.tree.files()
     }
 
-    /// Asks the worker to end, and sees to it.
+    /// Asks the worker to end, and kills it after [`SHUTDOWN_TIMEOUT`].
     pub fn quit(self) {
         self.quit_within(SHUTDOWN_TIMEOUT);
     }
 
-    /// The same with so much time for what its driver has to finish.
-    pub fn quit_within(mut self, farewell: Duration) {
+    /// The same with another timeout, for what the driver has to finish.
+    pub fn quit_within(mut self, timeout: Duration) {
         if self.send(&WorkerRequest::Quit).is_ok() {
             self.requests = None;
             // Whatever it does, it is gone after this.
-            let _ = self.tree.status_within(farewell);
+            let _ = self.tree.status_within(timeout);
         }
     }
 }
@@ -409,7 +409,7 @@ fn parse_protocol(line: &str) -> Option<u32> {
     Some(u32::try_from(version).unwrap_or(u32::MAX))
 }
 
-/// Hands on line after line until the output ends or nobody listens.
+/// Sends each line until the output ends or the receiver is gone.
 fn read_replies(output: impl Read, replies: &SyncSender<std::io::Result<String>>) {
     let mut output = BufReader::new(output);
     loop {

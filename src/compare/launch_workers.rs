@@ -5,9 +5,11 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 use rand::RngExt;
 
-use super::launch::{Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
+use super::launches::{LaunchWorkers, OpenedLaunch, RoleFault, SideSample, WorkerRole, random};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_driver};
-use super::rounds::{LaunchWorkers, OpenedLaunch, RoleFault, SideSample, WorkerRole, random};
+use super::worker_process::{
+    Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
+};
 use fathom_base::quiet::PADDING_BYTES;
 use fathom_gpu::ClockPlan;
 use fathom_record::Adapter;
@@ -23,7 +25,7 @@ const SAMPLE_NS: f64 = 3e5;
 /// Most frames of a sample.
 const MAX_FRAMES: f64 = 8.0;
 
-/// What the first worker of a side has told.
+/// What the first worker of a side reports.
 #[derive(Clone, Debug)]
 pub struct ProbedSide {
     pub adapter: Adapter,
@@ -31,8 +33,8 @@ pub struct ProbedSide {
     clock: Option<ClockPlan>,
 }
 
-/// Processes that serve as [`LaunchWorkers`].
-pub struct Processes<'a> {
+/// LaunchProcesses that serve as [`LaunchWorkers`].
+pub struct LaunchProcesses<'a> {
     /// In the order of [`Side::BOTH`](fathom_record::comparison::Side::BOTH).
     builds: [WorkerStart; 2],
     pub sides: [ProbedSide; 2],
@@ -45,7 +47,7 @@ pub struct Processes<'a> {
     frames: BTreeMap<CellId, u32>,
 }
 
-impl<'a> Processes<'a> {
+impl<'a> LaunchProcesses<'a> {
     /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
     /// clock, and each launch is spared the audit. A head with an environment of its own is asked too.
     pub fn new(
@@ -158,7 +160,7 @@ impl<'a> Processes<'a> {
     }
 }
 
-impl LaunchWorkers for Processes<'_> {
+impl LaunchWorkers for LaunchProcesses<'_> {
     fn open(
         &mut self,
         launch: u32,
@@ -224,9 +226,9 @@ fn order(launch: u32, control: bool) -> Vec<WorkerRole> {
     order
 }
 
-/// The cores in turn.
-fn core(cores: &[usize], turn: usize) -> Option<usize> {
-    (!cores.is_empty()).then(|| cores[turn % cores.len()])
+/// The cores one after the other.
+fn core(cores: &[usize], index: usize) -> Option<usize> {
+    (!cores.is_empty()).then(|| cores[index % cores.len()])
 }
 
 /// Sides whose audits have chosen different clocks are both timed by the fenced host clock.

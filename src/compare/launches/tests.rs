@@ -120,7 +120,7 @@ impl WrittenLines {
 
 fn written(
     schedule: &GateSchedule,
-    bench: &mut Simulated,
+    workers: &mut Simulated,
     before: &EarlierLaunches,
     interrupted: &AtomicBool,
 ) -> WrittenLines {
@@ -136,21 +136,21 @@ fn written(
         }
         Ok(())
     };
-    let Ok(()) = run(schedule, bench, before, interrupted, sink);
+    let Ok(()) = run(schedule, workers, before, interrupted, sink);
     written
 }
 
-fn measure(bench: &mut Simulated) -> WrittenLines {
-    written(&schedule(), bench, &EarlierLaunches::default(), &NEVER)
+fn measure(workers: &mut Simulated) -> WrittenLines {
+    written(&schedule(), workers, &EarlierLaunches::default(), &NEVER)
 }
 
 #[test]
 fn every_cell_is_paired_in_every_round_of_every_launch() {
-    let mut bench = Simulated::default();
-    let found = measure(&mut bench);
+    let mut workers = Simulated::default();
+    let found = measure(&mut workers);
     assert_eq!(found.launches(), [0, 1, 2]);
     assert!(found.faults.is_empty());
-    assert_eq!(bench.closed, 3);
+    assert_eq!(workers.closed, 3);
     let pairs = &found.pairs;
     for launch in 0..3 {
         let cells = &schedule().cells;
@@ -170,11 +170,11 @@ fn every_cell_is_paired_in_every_round_of_every_launch() {
 
 #[test]
 fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
-    let mut bench = Simulated::default();
-    let found = measure(&mut bench);
+    let mut workers = Simulated::default();
+    let found = measure(&mut workers);
     for pair in &found.pairs {
         let key = (pair.launch, pair.control, &pair.cell);
-        let own = bench
+        let own = workers
             .samples
             .iter()
             .filter(|sample| (sample.0, sample.1.is_control(), &sample.2) == key);
@@ -185,7 +185,7 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
     }
     let mut orders = BTreeSet::new();
     // Four visits a round, two samples a visit; the control's sides are workers of their own.
-    for round in bench.samples.chunks(8) {
+    for round in workers.samples.chunks(8) {
         for pair in round.chunks(2) {
             assert_eq!(pair[0].2, pair[1].2);
             assert!(pair[0].1 != pair[1].1);
@@ -194,7 +194,7 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
         orders.insert(order.collect::<Vec<_>>());
     }
-    assert_eq!(bench.samples.len(), 3 * 5 * 8, "three launches, four rounds and one unkept");
+    assert_eq!(workers.samples.len(), 3 * 5 * 8, "three launches, four rounds and one unkept");
     assert!(orders.len() > 5, "{}", orders.len());
 }
 
@@ -213,8 +213,8 @@ fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
 #[test]
 fn a_refused_sample_costs_its_cell_and_nothing_else() {
     let failing = Some((1, WorkerRole::Head, "b/y", refusal()));
-    let mut bench = Simulated { failing, ..Simulated::default() };
-    let found = measure(&mut bench);
+    let mut workers = Simulated { failing, ..Simulated::default() };
+    let found = measure(&mut workers);
     assert_eq!(found.launches(), [0, 1, 2]);
     let fault = found.only_fault();
     assert_eq!(fault.cell, Some(CellId::new("one", "b/y")));
@@ -223,7 +223,7 @@ fn a_refused_sample_costs_its_cell_and_nothing_else() {
     let of_lost = found.pairs.iter().filter(|pair| pair.cell.stage() == "b/y" && !pair.control);
     assert!(of_lost.clone().all(|pair| pair.launch == 0), "launch 1 has no whole set of it");
     assert_eq!(of_lost.count(), 4);
-    assert_eq!(bench.opened[2].1.len(), 2, "it is not tried again");
+    assert_eq!(workers.opened[2].1.len(), 2, "it is not tried again");
 }
 
 #[test]
@@ -233,15 +233,15 @@ fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
         (silent(), "base worker: it gave no answer to `sample` within 30 s"),
     ] {
         let failing = Some((1, WorkerRole::Base, "a/x", fault));
-        let mut bench = Simulated { failing, ..Simulated::default() };
-        let found = measure(&mut bench);
+        let mut workers = Simulated { failing, ..Simulated::default() };
+        let found = measure(&mut workers);
         assert_eq!(found.launches(), [0, 2, 3], "launch 1 does not count and another is run");
         assert!(found.pairs.iter().all(|pair| pair.launch != 1));
         let fault = found.only_fault();
         assert_eq!(fault.reason, reason);
         let lost = fault.cell.clone().unwrap();
         assert_eq!(lost.stage(), "a/x");
-        assert!(!bench.opened[2].1.contains(&lost));
+        assert!(!workers.opened[2].1.contains(&lost));
         let last = found.pairs.iter().filter(|pair| pair.launch == 3);
         let others: BTreeSet<_> = last.map(|pair| pair.cell.clone()).collect();
         assert_eq!(others.len(), 2);
@@ -251,8 +251,8 @@ fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
 #[test]
 fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
     for fault in [refusal(), ended()] {
-        let mut bench = Simulated { unprepared: Some(("one", fault)), ..Simulated::default() };
-        let found = measure(&mut bench);
+        let mut workers = Simulated { unprepared: Some(("one", fault)), ..Simulated::default() };
+        let found = measure(&mut workers);
         assert_eq!(found.launches().len(), 3);
         let faults = &found.faults;
         assert_eq!(faults.len(), 3, "two cells and the control: {faults:?}");
@@ -265,8 +265,8 @@ fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
 #[test]
 fn a_lost_control_leaves_the_cells() {
     let failing = Some((0, WorkerRole::ControlHead, "b/y", refusal()));
-    let mut bench = Simulated { failing, ..Simulated::default() };
-    let found = measure(&mut bench);
+    let mut workers = Simulated { failing, ..Simulated::default() };
+    let found = measure(&mut workers);
     let fault = found.only_fault();
     assert!(fault.control);
     assert_eq!(fault.reason, "control worker: out of order");
@@ -276,8 +276,8 @@ fn a_lost_control_leaves_the_cells() {
 
 #[test]
 fn workers_that_never_start_end_the_gate() {
-    let mut bench = Simulated { never_starts: true, ..Simulated::default() };
-    let found = measure(&mut bench);
+    let mut workers = Simulated { never_starts: true, ..Simulated::default() };
+    let found = measure(&mut workers);
     assert_eq!(found.faults.len(), 2);
     assert!(found.faults.iter().all(|fault| fault.cell.is_none()));
     assert!(found.launches().is_empty());
@@ -287,13 +287,13 @@ fn workers_that_never_start_end_the_gate() {
 fn an_interrupted_launch_leaves_nothing() {
     for dying_of_interrupt in [false, true] {
         STOP.store(false, Ordering::Relaxed);
-        let mut bench =
+        let mut workers =
             Simulated { interrupt_after: Some(60), dying_of_interrupt, ..Simulated::default() };
-        let found = written(&schedule(), &mut bench, &EarlierLaunches::default(), &STOP);
+        let found = written(&schedule(), &mut workers, &EarlierLaunches::default(), &STOP);
         assert_eq!(found.launches(), [0]);
         assert!(found.pairs.iter().all(|pair| pair.launch == 0));
         assert!(found.faults.is_empty(), "no cell is given up");
-        assert_eq!(bench.closed, 2);
+        assert_eq!(workers.closed, 2);
     }
 }
 

@@ -1,22 +1,22 @@
-//! Both builds prepare every configuration: which cells they have in common, and their exact figures.
+//! The exact gate: both builds prepare every configuration; gives the cells that both have, their exact figures and their checks.
 
 use sha2::{Digest, Sha256};
 
-use super::launch::{ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
+use super::worker_process::{ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
 use fathom_base::input;
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
 
-/// One side: how to start its worker, and the worker while it lives.
-pub struct SurveyedBuild<'a> {
+/// A side with its worker, which is started again after it died.
+pub struct ExactGateSide<'a> {
     start: WorkerStart,
     waiting: ReplyWait<'a>,
     worker: Option<WorkerProcess>,
 }
 
-impl<'a> SurveyedBuild<'a> {
+impl<'a> ExactGateSide<'a> {
     /// Starts the worker; what it says of itself comes with [`Self::greet`].
     pub fn new(start: WorkerStart, waiting: ReplyWait<'a>) -> Result<Self, WorkerFault> {
         let worker = Some(WorkerProcess::start(&start)?);
@@ -29,7 +29,7 @@ impl<'a> SurveyedBuild<'a> {
         self.worker()?.greet(&waiting)
     }
 
-    /// What its side is: the program, or of a command the text and the files that its worker runs.
+    /// SHA-256 of the side's program; of a command, of its text and of the files that its worker runs.
     pub fn digest(&self) -> std::io::Result<String> {
         let Some(text) = &self.start.command else {
             return input::open(&self.start.program).and_then(input::sha256);
@@ -69,9 +69,9 @@ impl<'a> SurveyedBuild<'a> {
     }
 }
 
-/// Prepares a configuration on both sides at once. Gives what of it both have, and the faults of what one lacks.
+/// Prepares a configuration on both sides at once. Gives the stages that both have, and a fault for each that one lacks.
 pub fn prepare(
-    builds: &mut [SurveyedBuild<'_>; 2],
+    builds: &mut [ExactGateSide<'_>; 2],
     configuration: &GateConfiguration,
 ) -> (GateConfiguration, Vec<Compared>) {
     let request = WorkerRequest::Prepare { configuration: configuration.clone() };
@@ -81,7 +81,7 @@ pub fn prepare(
 
 /// The exact figures of a configuration that both sides have prepared.
 pub fn exact(
-    builds: &mut [SurveyedBuild<'_>; 2],
+    builds: &mut [ExactGateSide<'_>; 2],
     configuration: &GateConfiguration,
 ) -> Vec<Compared> {
     let replies = both(builds, &WorkerRequest::Exact { config: configuration.id.clone() });
@@ -91,7 +91,7 @@ pub fn exact(
 
 /// The checks of these stages on both sides, or why a side gave none. Each stage has its own request and so its own time: all checks
 /// together may take longer than a worker is waited for.
-pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: &[String]) -> Vec<Compared> {
+pub fn checks(builds: &mut [ExactGateSide<'_>; 2], stages: &[String]) -> Vec<Compared> {
     let mut lines = Vec::new();
     for stage in stages {
         let request = WorkerRequest::Checks { stages: vec![stage.clone()] };
@@ -120,7 +120,7 @@ pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: &[String]) -> Vec<Com
 
 /// Asks both sides at once: nothing is timed here.
 fn both(
-    builds: &mut [SurveyedBuild<'_>; 2],
+    builds: &mut [ExactGateSide<'_>; 2],
     request: &WorkerRequest,
 ) -> [Result<Reply, WorkerFault>; 2] {
     let sent = builds.each_mut().map(|build| (build.send(request), build));
@@ -129,7 +129,7 @@ fn both(
 
 /// The stages that both sides have, and faults for the others.
 ///
-/// What only the base does not know is new in the head. All else that a side lacks is a failure.
+/// A stage that only the base does not know is new in the head. Any other stage that a side lacks is a failure.
 fn present(
     configuration: &GateConfiguration,
     replies: [Result<Reply, WorkerFault>; 2],
