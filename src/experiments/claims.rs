@@ -17,15 +17,15 @@
 //! 95 %. A claim whose figure lies exactly at a bound is thus supported with a chance of at most [`CHANCE`].
 
 mod balance;
-mod comparison;
 mod comparisons;
+mod evidence;
 mod fits;
 
 use indexmap::IndexMap;
 use serde_json::{Map, Value};
 use strum::Display;
 
-use self::comparison::{BoundCheck, Judgement};
+use self::evidence::{BoundCheck, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Quantity};
 use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, Test};
@@ -33,7 +33,7 @@ use fathom_base::statistics;
 use fathom_record::{Cell, NoteKind};
 
 pub use balance::SizeRatios;
-pub use comparison::{NO_VISIT, RuledFigure};
+pub use evidence::{NO_VISIT, RuledFigure};
 pub use fits::{Scaling, scaling, thin_out};
 
 /// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
@@ -183,11 +183,7 @@ pub struct ClaimProgress<'a> {
 
 pub fn claimed_cells<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
     let of_test = |cell: &Cell| match &claim.test {
-        Test::Ratio { over, numerator, denominator, .. } => {
-            let label = cell.axes.get(over);
-            label.is_some_and(|l| measure::same(l, numerator) || measure::same(l, denominator))
-        }
-        Test::NoWorse { of, than, .. } => measure::fits(cell, of) || measure::fits(cell, than),
+        Test::Ratio(ratio) => ratio.covers(cell),
         test => test.over().is_none_or(|over| cell.axes.contains_key(over)),
     };
     let concerned = |cell: &&&Cell| {
@@ -201,11 +197,8 @@ pub(super) fn compared_cells<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&
     let concerned = claimed_cells(claim, cells);
     match (&claim.test, claim.test.over()) {
         _ if !claim.test.y().reads_times() => Vec::new(),
-        (Test::NoWorse { of, than, .. }, _) => {
-            let side = |filter| concerned.iter().find(|cell| measure::fits(cell, filter));
-            vec![[of, than].into_iter().filter_map(side).copied().collect()]
-        }
         (_, Some(over)) => groups(&concerned, over).into_iter().map(|(_, group)| group).collect(),
+        (Test::Ratio(_), None) => vec![concerned],
         (_, None) => Vec::new(),
     }
 }
@@ -243,7 +236,7 @@ impl Experiment {
             }
         }
         let n = comparisons.iter().filter_map(BoundCheck::n).min();
-        match comparison::judge(&comparisons, !claim.has_printed_bound()) {
+        match evidence::judge(&comparisons, !claim.has_printed_bound()) {
             Some(Judgement { verdict, reason, deciding, others })
                 if not_run.is_empty() || verdict < Verdict::NotRun =>
             {
@@ -328,28 +321,14 @@ pub(super) fn by_other_axes<'a, T>(
 
 fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {
     match test {
-        Test::AtLeast { y, value } => {
-            comparisons::each(y, [*value, f64::INFINITY], cells, software)
-        }
         Test::Within { y, low, high } => comparisons::each(y, [*low, *high], cells, software),
-        Test::NoWorse { y, of, than, margin } => {
-            comparisons::no_worse(y, [of, than], *margin, cells)
-        }
+        Test::Ratio(ratio) => comparisons::ratio(ratio, cells),
         Test::Slope { y, x, expected, tolerance, max_fixed_share, .. } => {
             let fit = scaling(y, x, cells, max_fixed_share.unwrap_or(FIXED_SHARE))?;
             fits::slope(&fit, *expected, *tolerance)
         }
         Test::Affine { y, x, tolerance, .. } => fits::affine(y, x, *tolerance, cells),
-        Test::Independent { y, over, tolerance } => {
-            comparisons::independent(y, over, *tolerance, cells)
-        }
-        Test::Ratio { y, over, numerator, denominator, low, high } => {
-            comparisons::ratio(y, over, [numerator, denominator], [*low, *high], cells)
-        }
         Test::Monotone { y, x, direction, .. } => comparisons::monotone(y, x, *direction, cells),
-        Test::Lowest { y, over, value, margin } => {
-            comparisons::lowest(y, over, value, *margin, cells)
-        }
         Test::Band { y, x, low, high, .. } => comparisons::band(y, x, [*low, *high], cells),
     }
 }

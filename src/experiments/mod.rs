@@ -49,7 +49,7 @@ impl Experiment {
     }
 
     pub fn builtin_text(id: &str) -> Option<String> {
-        EXPERIMENTS.text(&format!("{id}.toml"))
+        Some(schema::with_method(&EXPERIMENTS.text(&format!("{id}.toml"))?))
     }
 
     /// Loads a built-in experiment by its id, or a file by its path (a name that ends in `.toml` or holds a separator).

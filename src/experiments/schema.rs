@@ -5,6 +5,7 @@
 //! pipeline: `scene` and `pipeline` choose what the cell runs on.
 
 mod claim;
+mod earlier;
 mod named;
 mod plot;
 
@@ -18,7 +19,7 @@ use super::{ExperimentError, Measure};
 use fathom_base::text;
 use fathom_record::Cell;
 
-pub use claim::{Balance, Cause, Claim, Direction, FIXED_SHARE, RISING_SHARE, Test};
+pub use claim::{Balance, Cause, Claim, Direction, FIXED_SHARE, RISING_SHARE, Ratio, Test};
 pub use plot::{Plot, PlotKind};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -67,7 +68,8 @@ pub struct Experiment {
     #[serde(default, deserialize_with = "figures")]
     pub published: Vec<Published>,
     /// The publication's own method: parameters and their values. A claim with a source is tested only on cells in which those hold that
-    /// the cell's pipeline has. This project's own methods are other cells.
+    /// the cell's pipeline has. This project's own methods are other cells. `publication = "VAO"` within braces stands for the values that
+    /// [`METHODS`] has, and [`Self::text`] has them in its place.
     #[serde(default)]
     pub method: Map<String, Value>,
     /// Whether cells of the experiment's own pipeline begin with the method's values: `params` and axes change them.
@@ -77,7 +79,7 @@ pub struct Experiment {
     pub balance: Vec<PublishedSizes>,
     #[serde(default, deserialize_with = "tables")]
     pub claim: Vec<Claim>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "earlier::plots")]
     pub plot: Vec<Plot>,
     /// The text this was parsed from.
     #[serde(skip)]
@@ -339,12 +341,36 @@ impl Published {
     }
 }
 
+/// Methods of publications by their names. UW §2 to §4. VAO §5.1 and §6.3: directions are uniform as printed; the printed sum is half of
+/// Eq. 1 and doubled. A threshold of 0.65 beside it lies within the band of §6.5 and above what a plane's own voxels reach
+/// (docs/volume-ao.md). On one line, so that errors name the lines of the file.
+const METHODS: [(&str, &str); 2] = [
+    (
+        "publication = \"UW\"",
+        "caustics = { coverage = \"square\", splatting = \"raster\", intensity = \"paper\", jitter = 0.0, \
+         estimator = \"paper\", depth_bias_m = 0.0, filter_depth_share = 1e6 }, \
+         godrays = { intensity = \"paper\", jitter = 0.0, estimator = \"paper\" }, \
+         compose.add_caustics = true, photons_fitted = false",
+    ),
+    (
+        "publication = \"VAO\"",
+        "voxel = { method = \"slicemap\", rasterizer = \"hardware\" }, ao.step = \"paper\", ao.hit = \"sample\", \
+         ao.offset_voxels = 0.0, ao.estimator = \"uniform\", ao.sampling = \"random\"",
+    ),
+];
+
+/// The text with the values of the publication's method in place of its name, so that a record needs no other file.
+pub(super) fn with_method(text: &str) -> String {
+    METHODS.iter().fold(text.to_owned(), |text, (name, values)| text.replace(name, values))
+}
+
 impl Experiment {
     /// Parses and checks an experiment's text; `name` stands in errors.
     pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
         let invalid = |fault: String| ExperimentError::new(name, &fault);
-        let parsed = toml::from_str(text).map_err(|error| invalid(one_line(&error, text)));
-        let mut experiment = Experiment { text: text.to_owned(), ..parsed? };
+        let text = with_method(text);
+        let parsed = toml::from_str(&text).map_err(|error| invalid(one_line(&error, &text)));
+        let mut experiment = Experiment { text, ..parsed? };
         experiment.check().map_err(invalid)?;
         for claim in experiment.claim.iter_mut().filter(|claim| claim.source.is_some()) {
             claim.method.clone_from(&experiment.method);
@@ -358,22 +384,10 @@ impl Experiment {
             axis.check()?;
         }
         self.check_sweeps()?;
-        for claim in &self.claim {
-            if claim.id.is_empty() {
-                return Err("a claim needs an `id`".to_owned());
-            }
-            self.check_over(claim.test.over(), &format!("claim `{}`", claim.id))?;
-            if claim.balance == Some(Balance::Published) && self.balance.is_empty() {
-                return Err(format!("claim `{}` needs published sizes in `balance`", claim.id));
-            }
+        if let Some(name) = self.method.get("publication") {
+            return Err(format!("the method of publication {name} is not known: UW and VAO are"));
         }
-        for plot in &self.plot {
-            let place = format!("plot `{}`", plot.title);
-            for axis in plot.axes() {
-                self.check_over(Some(axis), &place)?;
-            }
-            plot.check().map_err(|fault| format!("{place} {fault}"))?;
-        }
+        self.check_claims_and_plots()?;
         if !(self.weight > 0.0 && self.weight <= 10.0) {
             return Err(format!("weight {} must lie within 0 … 10", self.weight));
         }
@@ -401,6 +415,30 @@ impl Experiment {
             if !(published.fps.is_finite() && published.fps > 0.0) {
                 return Err("a published fps must be positive".to_owned());
             }
+        }
+        Ok(())
+    }
+
+    fn check_claims_and_plots(&self) -> Result<(), String> {
+        for claim in &self.claim {
+            if claim.id.is_empty() {
+                return Err("a claim needs an `id`".to_owned());
+            }
+            let place = format!("claim `{}`", claim.id);
+            self.check_over(claim.test.over(), &place)?;
+            if let Test::Ratio(ratio) = &claim.test {
+                ratio.check().map_err(|fault| format!("{place} {fault}"))?;
+            }
+            if claim.balance == Some(Balance::Published) && self.balance.is_empty() {
+                return Err(format!("{place} needs published sizes in `balance`"));
+            }
+        }
+        for plot in &self.plot {
+            let place = format!("plot `{}`", plot.title);
+            for axis in plot.axes() {
+                self.check_over(Some(axis), &place)?;
+            }
+            plot.check().map_err(|fault| format!("{place} {fault}"))?;
         }
         Ok(())
     }

@@ -32,14 +32,8 @@ values = [
 ]
 "#;
 
-/// A plot of ratios that lacks the value that is divided by.
-const RATIOS: &str = r#"
-[[plot]]
-title = "t"
-kind = "ratios"
-over = "caustics.grid"
-y = ["frame"]
-numerator = 10"#;
+/// A plot that lacks the axis of its bars.
+const BARS: &str = "\n[[plot]]\ntitle = \"t\"\nkind = \"bars\"\ny = [\"frame\"]";
 
 fn message(result: Result<impl std::fmt::Debug, ExperimentError>) -> String {
     result.unwrap_err().to_string()
@@ -197,10 +191,10 @@ fn tables_by_name_share_figures_and_set_parameters() {
         figures = [{ where = { grid = 5 }, fps = 3 }, { where = { grid = 7 }, fps = 4 }]
         [claim.z]
         text = "x"
-        test.at_least = { y = "fps", value = 1 }
+        test.within = { y = "fps", low = 1 }
         [claim.a]
         text = "x"
-        test.at_least = { y = "fps", value = 2 }
+        test.within = { y = "fps", low = 2 }
     "#;
     let experiment = own(text);
     let cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
@@ -256,7 +250,7 @@ fn broken_files_are_told_in_one_line() {
         ("title = \"x\"".to_owned(), "missing field"),
         (filter.replace("count = 8", "count = 7"), "8 to 100"),
         (filter.replace("caustics_bias", "caustics_noise"), "twice"),
-        (format!("{swept}{RATIOS}"), "needs over, y, numerator and denominator"),
+        (format!("{swept}{BARS}"), "needs one y, and either over or colors"),
         (swept.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
         (swept.replace("title =", "colour = 1\ntitle ="), "unknown field `colour`"),
         (swept.replace("[10, 20]", "[]"), "empty list"),
@@ -264,12 +258,15 @@ fn broken_files_are_told_in_one_line() {
         (swept.replace("label = \"small\", ", ""), "must be { label"),
         (swept.replace("\"own\"", "\"Own!\""), "lower-case"),
         (
-            claim(r#"independent = { y = "stage:a", over = "none", tolerance = 0.1 }"#),
+            claim(r#"ratio = { y = "stage:a", over = "none", high = 1.1 }"#),
             "which is no axis",
         ),
-        (claim(r#"at_least = { y = "speed", value = 1 }"#), "unknown measure `speed`"),
+        (claim(r#"within = { y = "speed", low = 1 }"#), "unknown measure `speed`"),
+        (claim(r#"ratio = { y = "stage:a", over = "size", low = 0.5 }"#), "needs `high` and no `low`"),
+        (claim(r#"ratio = { y = "stage:a", numerator = 1, high = 2 }"#), "that are tables"),
+        (format!("{swept}[method]\npublication = 1"), "method of publication 1 is not known"),
     ];
-    own(&format!("{SWEPT}{RATIOS}\ndenominator = 20"));
+    own(&format!("{SWEPT}{BARS}\ncolors = \"size\""));
     for (text, expected) in cases {
         let error = message(Experiment::parse("own", &text));
         assert!(error.contains(expected), "{expected}: {error}");
@@ -342,4 +339,14 @@ fn axes_that_set_names_are_categories_and_those_that_set_numbers_are_not() {
         let experiment = Experiment::load(id).unwrap();
         assert_eq!(experiment.is_category(axis), expected, "{id} {axis}");
     }
+}
+
+#[test]
+fn a_method_by_name_has_its_values_and_those_beside_it() {
+    let named = own("method = { publication = \"VAO\", ao.threshold = 0.65 }");
+    let text = "[method]\nvoxel = { method = \"slicemap\", rasterizer = \"hardware\" }\n\
+        ao = { step = \"paper\", hit = \"sample\", offset_voxels = 0.0, estimator = \"uniform\", \
+        sampling = \"random\", threshold = 0.65 }";
+    assert_eq!(named.method, own(text).method);
+    assert!(!named.text.contains("publication"), "its text needs no other file");
 }

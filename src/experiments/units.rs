@@ -11,8 +11,8 @@ use super::{CellPlan, schema::Plot};
 use fathom_record::Cell;
 
 impl Experiment {
-    /// Splits cells of this experiment into groups that nothing compares: no claim speaks of cells of two groups, and no line or
-    /// ratio of a plot joins them. Indices into `plans`, in their order.
+    /// Splits cells of this experiment into groups that nothing compares: no claim speaks of cells of two groups, and no line of
+    /// a plot joins them. Indices into `plans`, in their order.
     pub fn units(&self, plans: &[CellPlan]) -> Vec<Vec<usize>> {
         let mut sets = DisjointSets::new(plans.len());
         for claim in &self.claim {
@@ -87,8 +87,8 @@ fn join(chains: &mut [Vec<usize>], [a, b]: [usize; 2], as_neighbours: bool) {
 /// Whether a plot of this kind holds its cells against each other.
 fn joins_cells(plot: &Plot) -> bool {
     match plot.kind {
-        PlotKind::Scaling | PlotKind::Lines | PlotKind::Ratios => true,
-        PlotKind::Stacked | PlotKind::Bars | PlotKind::Map => false,
+        PlotKind::Scaling | PlotKind::Lines => true,
+        PlotKind::Stacked | PlotKind::Bars => false,
     }
 }
 
@@ -238,10 +238,10 @@ test.slope = { y = "TIME", x = "axis:caustics.grid", over = "caustics.grid", exp
         let lowest = r#"
 [claim.lowest]
 text = "x"
-test.lowest = { y = "frame", over = "caustics.grid", value = 10 }
+test.ratio = { y = "frame", over = "caustics.grid", numerator = 10, high = 1.0 }
 [claim.far]
 text = "x"
-test.no_worse = { y = "fps", of = { caustics.grid = 10, caustics.filter = false }, than = { caustics.grid = 80, caustics.filter = true } }
+test.ratio = { y = "fps", numerator = { caustics.grid = 10, caustics.filter = false }, denominator = { caustics.grid = 80, caustics.filter = true }, high = 1.0 }
 "#;
         let [chain] = &chains(lowest)[..] else { panic!("one chain") };
         assert!(

@@ -23,7 +23,7 @@ impl ScaleKind {
     }
 }
 
-/// Least height of a scale that does not begin at 0, as a share of its values.
+/// Smallest height of a scale that does not begin at 0, as a share of its values.
 const MIN_SPREAD: f64 = 0.05;
 
 /// Data are mapped to an axis' own coordinate: the value, or its decimal logarithm.
@@ -82,15 +82,6 @@ impl Scale {
         let min_span = MIN_SPREAD * low.abs().max(high.abs());
         let missing = (min_span - (high - low)).max(0.0) / 2.0;
         Some(Scale::linear(low - missing, high + missing))
-    }
-
-    /// From one value to the other, without room around them.
-    pub fn spanning(kind: ScaleKind, values: [f64; 2]) -> Option<Scale> {
-        let mut scale = Scale::fit(kind, values)?;
-        let [low, high] = values;
-        (scale.low, scale.high) = (scale.coord(low)?, scale.coord(high)?);
-        scale.ticks.retain(|tick| (scale.low..=scale.high).contains(tick));
-        Some(scale)
     }
 
     /// A linear scale with names at some places.
@@ -166,12 +157,12 @@ impl Scale {
     }
 }
 
-/// The least and the largest value.
+/// The smallest and the largest value.
 fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     values.minmax().into_option().map(<[f64; 2]>::from)
 }
 
-/// The least of 1, 2, 5 × 10ⁿ that is not below the value.
+/// The smallest of 1, 2, 5 × 10ⁿ that is not below the value.
 fn nice(value: f64) -> f64 {
     let decade = 10_f64.powf(value.log10().floor());
     let multiple = [1.0, 2.0, 5.0, 10.0]

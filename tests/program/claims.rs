@@ -38,7 +38,7 @@ test.monotone = { y = "stage:caustics/splat", x = "work:caustics/trace.photons",
 [[claim]]
 id = "false: constant"
 text = "Tracing does not depend on the photons"
-test.independent = { y = "stage:caustics/trace", over = "caustics.grid", tolerance = 0.3 }
+test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", high = 1.3 }
 "#;
 
 /// A folder whose `out` holds a run of this experiment.
@@ -132,7 +132,7 @@ test.within = { y = "quantity:caustics_photon_error_median_m", low = 0.0, high =
 [[claim]]
 id = "timed"
 text = "No times are there"
-test.independent = { y = "stage:caustics/trace", over = "caustics.grid", tolerance = 0.3 }
+test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", high = 1.3 }
 "#;
     let text = text + claim;
     let place = measured(&text);

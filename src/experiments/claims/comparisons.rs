@@ -1,52 +1,84 @@
 //! Cells compared with each other and with bounds.
 
 use itertools::Itertools;
-use serde_json::{Map, Value};
 
-use super::comparison::BoundCheck;
+use super::evidence::BoundCheck;
 use super::{Tested, read, read_positive, too_few};
 use crate::expand::label_text;
-use crate::measure::{self, Measure, Quantity};
-use crate::schema::Direction;
+use crate::measure::{Measure, Quantity};
+use crate::schema::{Direction, Ratio};
 use fathom_record::Cell;
 
-/// More than 1 by the least step: what rises is more than what it rises from.
+/// More than 1 by the smallest step: what rises is more than what it rises from.
 const ABOVE_ONE: [f64; 2] = [1.0 + f64::EPSILON, f64::INFINITY];
 
 /// Values of which each is compared with all others.
 const MAX_COMPARED: usize = 200;
 
-pub(super) fn independent(y: &Measure, over: &str, tolerance: f64, cells: &[&Cell]) -> Tested {
-    let readings = labelled(y, over, cells);
-    if readings.len() < 2 {
-        return Err(too_few(readings.len(), "2 are needed"));
-    }
-    if readings.len() > MAX_COMPARED {
-        let count = readings.len();
-        return Err(format!("{count} values: at most {MAX_COMPARED} are compared with each other"));
-    }
-    let band = [1.0 / (1.0 + tolerance), 1.0 + tolerance];
-    let pairs = readings.iter().array_combinations();
-    Ok(pairs.map(|[a, b]| quotient(b, a, band)).collect())
+/// A cell that a ratio compares with others.
+struct Side<'a> {
+    cell: &'a Cell,
+    reading: Quantity,
 }
 
-pub(super) fn ratio(
-    y: &Measure,
-    over: &str,
-    sides: [&Value; 2],
-    band: [f64; 2],
-    cells: &[&Cell],
-) -> Tested {
-    let [numerator, denominator] = sides.map(|wanted| {
-        let is_side = |cell: &&&Cell| cell.axes.get(over).is_some_and(|l| measure::same(l, wanted));
-        Some((wanted.clone(), read(y, cells.iter().find(is_side)?)?))
-    });
-    let denominator = denominator.filter(|(_, reading)| reading.median() > 0.0);
-    let (Some(numerator), Some(denominator)) = (numerator, denominator) else {
-        let [over, under] = sides.map(label_text);
-        return Err(format!("`{over}` and `{under}` were not both measured"));
+pub(super) fn ratio(test: &Ratio, cells: &[&Cell]) -> Tested {
+    let sides = cells.iter().filter_map(|cell| Some(Side { cell, reading: read(&test.y, cell)? }));
+    let sides: Vec<Side<'_>> = sides.collect();
+    let can_divide = |side: &&Side<'_>| side.reading.median() > 0.0;
+    let Some(numerator) = &test.numerator else {
+        return each_pair(test, &sides.iter().filter(can_divide).collect_vec());
     };
-    Ok(vec![quotient(&numerator, &denominator, band)])
+    let is_over = |side: &&Side<'_>| test.names(numerator, side.cell);
+    let is_under = |side: &&Side<'_>| match &test.denominator {
+        Some(denominator) => test.names(denominator, side.cell),
+        None => !is_over(side),
+    };
+    let max_count = if test.denominator.is_some() { 1 } else { sides.len() };
+    let under = sides.iter().filter(is_under).filter(can_divide).take(max_count);
+    let over = sides.iter().find(is_over);
+    let quotients = under.filter_map(|under| Some(over?.per(under, test, [test.low, test.high])));
+    let quotients = quotients.collect_vec();
+    if !quotients.is_empty() {
+        return Ok(quotients);
+    }
+    Err(match (&test.over, &test.denominator) {
+        (None, _) => format!("{} was not recorded in both cells", test.y),
+        (_, Some(under)) => {
+            let [over, under] = [numerator, under].map(label_text);
+            format!("`{over}` and `{under}` were not both measured")
+        }
+        _ => format!("`{}` and another value were not both measured", label_text(numerator)),
+    })
+}
+
+/// Each two cells: their order does not count, so that both quotients of two are at most `high`.
+fn each_pair(test: &Ratio, sides: &[&Side<'_>]) -> Tested {
+    match sides.len() {
+        0 | 1 => Err(too_few(sides.len(), "2 are needed")),
+        count if count > MAX_COMPARED => {
+            Err(format!("{count} values: at most {MAX_COMPARED} are compared with each other"))
+        }
+        _ => {
+            let pairs = sides.iter().array_combinations();
+            let band = [1.0 / test.high, test.high];
+            Ok(pairs.map(|[earlier, later]| later.per(earlier, test, band)).collect())
+        }
+    }
+}
+
+impl Side<'_> {
+    fn per(&self, under: &Side<'_>, test: &Ratio, band: [f64; 2]) -> BoundCheck {
+        let sides = [self, under];
+        let name = if let Some(over) = &test.over {
+            sides
+                .map(|side| side.cell.axes.get(over).map(label_text).unwrap_or_default())
+                .join(" / ")
+        } else {
+            let [over, under] = sides.map(|side| side.reading.median());
+            format!("{} {over:.4} against {under:.4}, ratio", test.y)
+        };
+        BoundCheck::new(name, self.reading.ratio_to(&under.reading), band)
+    }
 }
 
 /// A figure of each cell.
@@ -68,23 +100,6 @@ pub(super) fn each(y: &Measure, band: [f64; 2], cells: &[&Cell], software: bool)
     Ok(compared.collect())
 }
 
-pub(super) fn no_worse(
-    y: &Measure,
-    sides: [&Map<String, Value>; 2],
-    margin: f64,
-    cells: &[&Cell],
-) -> Tested {
-    let [of, than] = sides.map(|filter| {
-        let cell = cells.iter().find(|cell| measure::fits(cell, filter))?;
-        read_positive(y, cell)
-    });
-    let (Some(of), Some(than)) = (of, than) else {
-        return Err(format!("{y} was not recorded in both cells"));
-    };
-    let name = format!("{y} {:.4} against {:.4}, ratio", of.median(), than.median());
-    Ok(vec![BoundCheck::new(name, of.ratio_to(&than), [f64::NEG_INFINITY, 1.0 + margin])])
-}
-
 /// Every step goes the claimed way.
 pub(super) fn monotone(y: &Measure, x: &Measure, direction: Direction, cells: &[&Cell]) -> Tested {
     let points = points(y, x, cells);
@@ -100,22 +115,6 @@ pub(super) fn monotone(y: &Measure, x: &Measure, direction: Direction, cells: &[
         BoundCheck::new(name, to.1.ratio_to(from.1), ABOVE_ONE)
     });
     Ok(steps.collect())
-}
-
-pub(super) fn lowest(
-    y: &Measure,
-    over: &str,
-    value: &Value,
-    margin: f64,
-    cells: &[&Cell],
-) -> Tested {
-    let (own, others): (Vec<_>, Vec<_>) =
-        labelled(y, over, cells).into_iter().partition(|(label, _)| measure::same(label, value));
-    let (Some(own), false) = (own.first(), others.is_empty()) else {
-        return Err(format!("`{}` and another value were not both measured", label_text(value)));
-    };
-    let band = [f64::NEG_INFINITY, 1.0 + margin];
-    Ok(others.iter().map(|other| quotient(own, other, band)).collect())
 }
 
 /// The least of the cells inside the band against every cell outside.
@@ -138,11 +137,6 @@ pub(super) fn band(y: &Measure, x: &Measure, [low, high]: [f64; 2], cells: &[&Ce
     Ok(compared.collect())
 }
 
-fn quotient(over: &(Value, Quantity), under: &(Value, Quantity), band: [f64; 2]) -> BoundCheck {
-    let name = format!("{} / {}", label_text(&over.0), label_text(&under.0));
-    BoundCheck::new(name, over.1.ratio_to(&under.1), band)
-}
-
 /// x and y of the cells with a positive y, in the order of x.
 fn points(y: &Measure, x: &Measure, cells: &[&Cell]) -> Vec<(f64, Quantity)> {
     let read = |cell: &&Cell| {
@@ -153,8 +147,128 @@ fn points(y: &Measure, x: &Measure, cells: &[&Cell]) -> Vec<(f64, Quantity)> {
     points.sorted_by(|a, b| a.0.total_cmp(&b.0)).collect()
 }
 
-/// The cells with a positive y, each under its label on the axis.
-fn labelled(y: &Measure, over: &str, cells: &[&Cell]) -> Vec<(Value, Quantity)> {
-    let read = |cell: &&Cell| Some((cell.axes.get(over)?.clone(), read_positive(y, cell)?));
-    cells.iter().filter_map(read).collect()
+#[cfg(test)]
+mod tests {
+    use super::super::Verdict::{Contradicted, NearBound, NotRun, Supported};
+    use super::super::tests::{RISING, all_ruled, but, ruled, swept};
+
+    #[test]
+    fn ratios_lie_within_their_band_or_do_not() {
+        let test = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.05, high = 2.0 }"#;
+        let at = |ratio: f64| swept(&[1.0, 2.0], move |n| if n > 1.0 { 5.0 * ratio } else { 5.0 });
+        all_ruled(
+            test,
+            [
+                ("inside", at(1.5), Supported, ""),
+                ("below", at(0.9), Contradicted, ""),
+                ("above", at(2.4), Contradicted, ""),
+                ("at the edge", at(1.05), NearBound, "the bound"),
+                ("one cell", at(1.5)[..1].to_vec(), NotRun, "^`2` and `1` were not both measured$"),
+            ],
+        );
+    }
+
+    #[test]
+    fn independence_flips_with_a_perturbed_cell() {
+        let alike = || swept(&[1.0, 2.0, 4.0], |_| 5.0);
+        let cases = [
+            ("alike", alike(), Supported, ""),
+            ("one apart", but(1, 2.0, 7.0, alike()), Contradicted, ""),
+        ];
+        all_ruled(r#"ratio = { y = "stage:s", over = "n", high = 1.15 }"#, cases);
+    }
+
+    #[test]
+    fn tables_name_the_two_cells_of_a_ratio() {
+        let test = r#"ratio = { y = "quantity:error", numerator = { n = 2 }, denominator = { n = 1 }, high = 1.0 }"#;
+        let better = swept(&[1.0, 2.0], |n| 1.0 / n);
+        let one = better[..1].to_vec();
+        all_ruled(
+            test,
+            [
+                ("better", better, Supported, "^error 0.5000 against 1.0000, ratio 0.500 "),
+                ("worse", swept(&[1.0, 2.0], |n| n), Contradicted, ""),
+                ("one cell", one, NotRun, "^error was not recorded in both cells$"),
+            ],
+        );
+    }
+
+    #[test]
+    fn the_lowest_value_is_held_against_all_others() {
+        let test = r#"ratio = { y = "quantity:error", over = "n", numerator = 2, high = 1.0 }"#;
+        let errors = |of: [f64; 3]| swept(&[1.0, 2.0, 3.0], move |n| of[n as usize - 1]);
+        let lowest = errors([0.4, 0.1, 0.2]);
+        let one = lowest[..1].to_vec();
+        all_ruled(
+            test,
+            [
+                (
+                    "lowest",
+                    lowest,
+                    Supported,
+                    "2.0 / 3.0 0.500 against at most 1.000 (the nearest to its bound of 2)",
+                ),
+                ("not the lowest", errors([0.4, 0.1, 0.09]), Contradicted, ""),
+                ("one cell", one, NotRun, "^`2` and another value were not both measured$"),
+            ],
+        );
+    }
+
+    #[test]
+    fn monotony_flips_with_one_cell_out_of_order() {
+        let rising = || swept(&[1.0, 2.0, 3.0, 4.0], |n| n);
+        all_ruled(&RISING.replace("rising", "falling"), [("rising", rising(), Contradicted, "")]);
+        let bent = but(2, 3.0, 1.0, rising());
+        all_ruled(RISING, [("rising", rising(), Supported, ""), ("bent", bent, Contradicted, "")]);
+    }
+
+    #[test]
+    fn the_least_value_lies_within_a_band_or_does_not() {
+        let test =
+            r#"band = { y = "quantity:error", x = "axis:n", over = "n", low = 0.2, high = 0.8 }"#;
+        let values = [0.05, 0.2, 0.5, 0.8, 0.95];
+        let around = |best: f64| swept(&values, move |n| 0.1 + (n - best).powi(2));
+        // One outside errs less than some within, and one less than all.
+        let some = but(4, 0.95, 0.15, around(0.5));
+        let all = but(4, 0.95, 0.05, around(0.5));
+        all_ruled(
+            test,
+            [
+                ("inside", around(0.5), Supported, "the nearest to its bound of 2"),
+                ("outside", around(0.95), Contradicted, ""),
+                ("less than some", some, Supported, "at 0.95 over at 0.5"),
+                ("less than all", all, Contradicted, "at 0.95 over at 0.5"),
+                ("one-sided", around(0.5)[..4].to_vec(), NotRun, ""),
+            ],
+        );
+        // Times of 3 % noise that do not differ.
+        let timed = test.replace("quantity:error", "stage:s");
+        all_ruled(&timed, [("alike", swept(&values, |_| 5.0), NearBound, "")]);
+    }
+
+    #[test]
+    fn absolute_rates_count_only_on_hardware() {
+        let test = r#"within = { y = "fps", low = 60 }"#;
+        let [fast, slow] = [5.0, 50.0].map(|ms| swept(&[1.0], |_| ms));
+        assert_eq!(ruled(test, &fast, false).0, Supported);
+        all_ruled(test, [("fast", fast, NotRun, "only on hardware")]);
+        assert_eq!(ruled(test, &slow, false).0, Contradicted);
+    }
+
+    #[test]
+    fn quotients_of_a_cell_lie_within_a_band_or_do_not() {
+        let test = r#"within = { y = "quantity:error per axis:n", low = 7.0, high = 9.0 }"#;
+        let eight = swept(&[1.0, 2.0, 5.0], |n| 8.0 * n);
+        let other = but(1, 2.0, 10.0, eight.clone());
+        let timed = r#"within = { y = "stage:s per axis:n", low = 1.0, high = 2.0 }"#;
+        all_ruled(timed, [("timed", other.clone(), NotRun, "only on hardware")]);
+        all_ruled(
+            test,
+            [
+                ("inside", eight, Supported, "8.000 against 7.000 – 9.000"),
+                ("none", swept(&[1.0, 2.0], |_| 0.0), Contradicted, "0.000 against 7.000 – 9.000"),
+                ("one outside", other, Contradicted, ""),
+            ],
+        );
+    }
 }

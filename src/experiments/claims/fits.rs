@@ -4,7 +4,7 @@
 
 use std::collections::HashSet;
 
-use super::comparison::{BoundCheck, ClaimFigure};
+use super::evidence::{BoundCheck, ClaimFigure};
 use super::{Tested, format_ms, too_few};
 use crate::measure::{Measure, Quantity, RoundSample};
 use crate::schema::RISING_SHARE;

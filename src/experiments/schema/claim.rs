@@ -3,8 +3,10 @@
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::super::{ClaimOrigin, Measure};
+use super::super::{ClaimOrigin, Measure, fits, same};
+use super::earlier;
 use super::named::Named;
+use fathom_record::Cell;
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -32,6 +34,7 @@ pub struct Claim {
     pub not_run: Option<String>,
     /// Why it does not hold where it is contradicted, once that was found.
     pub cause: Option<Cause>,
+    #[serde(deserialize_with = "earlier::test")]
     pub test: Test,
 }
 
@@ -110,35 +113,93 @@ pub enum Test {
         max_fixed_share: Option<f64>,
     },
     /// `y = F + k x` with k > 0, k x at least [`RISING_SHARE`] of the largest cell's y: no cell is off the fitted line by more than `tolerance` of its own y.
-    Affine { y: Measure, x: Measure, over: String, tolerance: f64 },
-    /// The same along the axis, up to a factor of `1 + tolerance` between the largest and the smallest.
-    Independent { y: Measure, over: String, tolerance: f64 },
-    /// `y` at one value of the axis over `y` at another lies within `low … high`.
-    Ratio { y: Measure, over: String, numerator: Value, denominator: Value, low: f64, high: f64 },
-    /// Every cell reaches the value.
-    AtLeast { y: Measure, value: f64 },
-    /// Every cell lies within `low … high`.
-    Within { y: Measure, low: f64, high: f64 },
-    /// `y` in the cell `of` is at most `1 + margin` times that in the cell `than`.
-    NoWorse {
+    Affine {
         y: Measure,
-        of: Map<String, Value>,
-        than: Map<String, Value>,
-        #[serde(default)]
-        margin: f64,
+        x: Measure,
+        over: String,
+        tolerance: f64,
+    },
+    Ratio(Ratio),
+    /// Every cell lies within `low … high`.
+    Within {
+        y: Measure,
+        #[serde(default = "no_low")]
+        low: f64,
+        #[serde(default = "no_high")]
+        high: f64,
     },
     /// Rises (or falls) along the axis in order of `x`, at every step.
-    Monotone { y: Measure, x: Measure, over: String, direction: Direction },
-    /// `y` at `value` is at most `1 + margin` times that at every other value of the axis.
-    Lowest {
+    Monotone {
         y: Measure,
+        x: Measure,
         over: String,
-        value: Value,
-        #[serde(default)]
-        margin: f64,
+        direction: Direction,
     },
-    /// The least `y` lies at an x within `low … high`; cells must lie on both sides of the band.
-    Band { y: Measure, x: Measure, over: String, low: f64, high: f64 },
+    /// The smallest `y` lies at an x within `low … high`; cells must lie on both sides of the band.
+    Band {
+        y: Measure,
+        x: Measure,
+        over: String,
+        low: f64,
+        high: f64,
+    },
+}
+
+/// `y` in one cell over `y` in another lies within `low … high`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ratio {
+    pub y: Measure,
+    /// Without it, numerator and denominator are tables (axis or parameter → value) that fit one cell each.
+    pub over: Option<String>,
+    /// Value of the axis. Without it, each two cells along the axis are compared: they differ by a factor of at most `high`.
+    pub numerator: Option<Value>,
+    /// Value of the axis. Without it, every other value is a denominator.
+    pub denominator: Option<Value>,
+    #[serde(default = "no_low")]
+    pub low: f64,
+    #[serde(default = "no_high")]
+    pub high: f64,
+}
+
+fn no_low() -> f64 {
+    f64::NEG_INFINITY
+}
+
+fn no_high() -> f64 {
+    f64::INFINITY
+}
+
+impl Ratio {
+    /// Whether this numerator or denominator names the cell.
+    pub fn names(&self, side: &Value, cell: &Cell) -> bool {
+        match (&self.over, side) {
+            (Some(over), _) => cell.axes.get(over).is_some_and(|value| same(value, side)),
+            (None, Value::Object(filter)) => fits(cell, filter),
+            (None, _) => false,
+        }
+    }
+
+    /// Whether the cell is compared with another.
+    pub fn covers(&self, cell: &Cell) -> bool {
+        match [&self.numerator, &self.denominator] {
+            [Some(over), Some(under)] => self.names(over, cell) || self.names(under, cell),
+            _ => self.over.as_ref().is_some_and(|over| cell.axes.contains_key(over)),
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<(), &'static str> {
+        let Ratio { over, numerator, denominator, low, high, .. } = self;
+        match (over, numerator, denominator) {
+            (None, Some(Value::Object(_)), Some(Value::Object(_))) => Ok(()),
+            (None, ..) => Err("needs `over`, or a numerator and a denominator that are tables"),
+            (_, None, Some(_)) => Err("needs a numerator"),
+            (_, None, None) if *low != no_low() || !high.is_finite() => {
+                Err("without a numerator needs `high` and no `low`")
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -151,7 +212,7 @@ pub enum Direction {
 /// A tenth: over the decade above it, a fixed cost bends a slope of 1 to 0.96 at worst.
 pub const FIXED_SHARE: f64 = 0.1;
 
-/// Least share of k x in the largest cell's y, for a line that hardly rises tells nothing of linearity. Half: what is fixed is then at most as much as what grows.
+/// Smallest share of k x in the largest cell's y, for a line that hardly rises tells nothing of linearity. Half: what is fixed is then at most as much as what grows.
 pub const RISING_SHARE: f64 = 0.5;
 
 impl Test {
@@ -160,12 +221,10 @@ impl Test {
         match self {
             Test::Slope { over, .. }
             | Test::Affine { over, .. }
-            | Test::Independent { over, .. }
-            | Test::Ratio { over, .. }
             | Test::Monotone { over, .. }
-            | Test::Lowest { over, .. }
             | Test::Band { over, .. } => Some(over),
-            Test::AtLeast { .. } | Test::Within { .. } | Test::NoWorse { .. } => None,
+            Test::Ratio(ratio) => ratio.over.as_deref(),
+            Test::Within { .. } => None,
         }
     }
 
@@ -176,12 +235,8 @@ impl Test {
             | Test::Affine { y, .. }
             | Test::Monotone { y, .. }
             | Test::Band { y, .. }
-            | Test::Independent { y, .. }
-            | Test::Ratio { y, .. }
-            | Test::AtLeast { y, .. }
-            | Test::Within { y, .. }
-            | Test::NoWorse { y, .. }
-            | Test::Lowest { y, .. } => y,
+            | Test::Ratio(Ratio { y, .. })
+            | Test::Within { y, .. } => y,
         }
     }
 

@@ -1,4 +1,5 @@
-//! Panels of horizontal bars over a named axis: a bar per cell, those of one value together, the other axes by colour.
+//! Panels of horizontal bars, a bar per cell: those of one value of an axis together and the other axes by colour, or an axis by colour and
+//! the cells that differ in it alone together.
 
 use indexmap::{IndexMap, IndexSet};
 use plotters::prelude::RGBColor;
@@ -7,8 +8,8 @@ use super::chart::{BarChart, Item, Legend, Mark};
 use super::{PlotInput, names, style};
 use crate::format::{interval, three};
 use fathom_experiments::label_text;
-use fathom_experiments::schema::{Plot, Published};
-use fathom_record::Estimate;
+use fathom_experiments::schema::{Experiment, Plot, Published};
+use fathom_record::{Cell, Estimate};
 
 const BAR_PX: f64 = 16.0;
 /// Between the bars of one value and those of the next.
@@ -26,8 +27,7 @@ struct MeasureBar {
 
 /// None where no cell has a value.
 pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
-    let (y, over) = (plot.y.first()?, plot.over.as_ref()?);
-    // Of the cells' values on the other axes.
+    let y = plot.y.first()?;
     let mut series = IndexSet::new();
     let mut clusters = IndexMap::<String, Vec<MeasureBar>>::new();
     let factor = names::factor(y, plot.y_title.as_ref());
@@ -35,15 +35,12 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
         let Some(value) = cell.measured().and_then(|figures| y.read(cell, figures)) else {
             continue;
         };
+        let [label, color] = placed(plot, cell, input.experiment)?;
         let bar = MeasureBar {
-            series: series.insert_full(names::group(plot, &[*cell], input.experiment)).0,
+            series: series.insert_full(color).0,
             value: value.estimate().scaled(factor),
             n: value.n(),
             published: input.published(cell, y).map(Published::span_ms),
-        };
-        let label = match cell.axes.get(over) {
-            Some(value) if value.is_number() => names::value(over, value, input.experiment),
-            value => value.map(label_text).unwrap_or_default(),
         };
         clusters.entry(label).or_default().push(bar);
     }
@@ -79,6 +76,20 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
         legend: Legend(squares.chain(published).collect()),
         items,
     })
+}
+
+/// Words beside a cell's bar and those next to it, and what its colour stands for.
+fn placed(plot: &Plot, cell: &Cell, experiment: &Experiment) -> Option<[String; 2]> {
+    if let Some(axis) = &plot.colors {
+        let color = names::value(axis, cell.axes.get(axis)?, experiment);
+        return Some([names::cell(cell, Some(plot), experiment), color]);
+    }
+    let over = plot.over.as_ref()?;
+    let label = match cell.axes.get(over)? {
+        value if value.is_number() => names::value(over, value, experiment),
+        value => label_text(value),
+    };
+    Some([label, names::group(plot, &[cell], experiment)])
 }
 
 impl MeasureBar {

@@ -56,7 +56,6 @@ pub enum Item {
     Within(String, (f64, f64), RGBColor),
     /// With its width in pixels.
     Line([(f64, f64); 2], u32),
-    Dot((f64, f64), RGBColor),
     /// The untimed frame.
     Diamond((f64, f64)),
     /// A row's label at the left of the chart.
@@ -120,9 +119,6 @@ impl Panel for BarChart {
             }
             Item::Line(ends, width_px) => {
                 plot.draw(&PathElement::new(ends.to_vec(), style::INK.stroke_width(*width_px)))
-            }
-            Item::Dot(at, color) => {
-                plot.draw(&(EmptyElement::at(*at) + Circle::new((0, 0), 6, color.filled())))
             }
             Item::Diamond(at) => {
                 plot.draw(&(EmptyElement::at(*at) + Polygon::new(DIAMOND, style::INK.filled())))

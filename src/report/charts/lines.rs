@@ -1,6 +1,7 @@
 //! Panels of series over a number: scaling plots (logarithmic, with fitted exponents) and linear ones. Few series share a chart
 //! and are named at their ends; many are drawn as small charts side by side.
 
+use indexmap::IndexMap;
 use itertools::Itertools;
 
 use super::points::{MAX_Y_TITLE, Point, PointChart, Series};
@@ -37,16 +38,10 @@ struct LineGroup<'s> {
 impl LineCharts {
     /// None where no series has a point.
     pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Option<LineCharts> {
-        let parts = parts(plot, input);
-        let together = parts.len() <= MAX_TOGETHER;
-        let chart_of = |part: &LineGroup<'_>| match plot.y.len() {
-            _ if together => 0,
-            1 => part.group_place,
-            _ => part.place,
-        };
-        let charts = parts.chunk_by(|a, b| chart_of(a) == chart_of(b));
-        let charts = charts.filter_map(|parts| chart(plot, parts, together, input));
-        let mut charts: Vec<PointChart> = charts.collect();
+        let mut charts: Vec<PointChart> = panels(plot, input)
+            .iter()
+            .flat_map(|(title, input)| panel_charts(plot, title, input))
+            .collect();
         if plot.kind == PlotKind::Scaling || plot.y.len() == 1 {
             share_scales(&mut charts)?;
         }
@@ -60,13 +55,13 @@ impl LineCharts {
 
     /// Charts side by side: as many as the names of their series have room for.
     fn columns(&self) -> usize {
-        let most = match self.charts.len() {
+        let max_columns = match self.charts.len() {
             1 => 1,
             2 | 4 => 2,
             _ => 3,
         };
         let names_px = self.charts.iter().map(PointChart::names_px).max().unwrap_or(0);
-        (2..=most).rev().find(|columns| names_px <= WIDTH_PX / *columns as u32).unwrap_or(1)
+        (2..=max_columns).rev().find(|columns| names_px <= WIDTH_PX / *columns as u32).unwrap_or(1)
     }
 
     fn head_px(&self) -> u32 {
@@ -84,7 +79,9 @@ impl Panel for LineCharts {
     }
 
     fn draw(&self, area: &Area<'_>) -> DrawResult {
-        if let [chart] = self.charts.as_slice() {
+        if let [chart @ PointChart { title, .. }] = self.charts.as_slice()
+            && title.is_empty()
+        {
             return chart.draw_with_names(area);
         }
         let width = WIDTH_PX / self.columns() as u32;
@@ -114,22 +111,55 @@ fn share_scales(charts: &mut [PointChart]) -> Option<()> {
     Some(())
 }
 
+/// The cells by their values on the axes that have charts of their own, each with its title.
+fn panels<'s>(plot: &Plot, input: &PlotInput<'s>) -> IndexMap<String, PlotInput<'s>> {
+    let mut panels = IndexMap::new();
+    for cell in &input.cells {
+        let value = |axis: &String| {
+            cell.axes.get(axis).map(|value| names::value(axis, value, input.experiment))
+        };
+        let title = plot.panels.iter().filter_map(value).join(", ");
+        let panel =
+            panels.entry(title).or_insert_with(|| PlotInput { cells: Vec::new(), ..*input });
+        panel.cells.push(*cell);
+    }
+    panels
+}
+
+fn panel_charts(plot: &Plot, panel: &str, input: &PlotInput<'_>) -> Vec<PointChart> {
+    let parts = parts(plot, input);
+    let together = parts.len() <= MAX_TOGETHER;
+    let chart_of = |part: &LineGroup<'_>| match plot.y.len() {
+        _ if together => 0,
+        1 => part.group_place,
+        _ => part.place,
+    };
+    let charts = parts.chunk_by(|a, b| chart_of(a) == chart_of(b));
+    let charts = charts.filter_map(|parts| chart(plot, parts, together, input));
+    let titled = charts.map(|chart| {
+        let title = [panel, &chart.title].into_iter().filter(|part| !part.is_empty()).join(", ");
+        PointChart { title, ..chart }
+    });
+    titled.collect()
+}
+
 fn parts<'s>(plot: &'s Plot, input: &PlotInput<'s>) -> Vec<LineGroup<'s>> {
     let groups: Vec<Vec<&Cell>> = match &plot.over {
         Some(over) => groups(&input.cells, over).into_iter().map(|(_, cells)| cells).collect(),
         None => vec![input.cells.clone()],
     };
-    let pairs = plot.y.iter().enumerate().cartesian_product(groups.iter().enumerate());
-    let part =
-        |((place, y), (group_place, cells)): ((usize, _), (usize, &Vec<&'s Cell>))| LineGroup {
+    let mut parts = Vec::new();
+    for (place, y) in plot.y.iter().enumerate() {
+        parts.extend(groups.iter().enumerate().map(|(group_place, cells)| LineGroup {
             y,
             place,
             group: names::group(plot, cells, input.experiment),
             group_place,
             groups: groups.len(),
             cells: cells.clone(),
-        };
-    pairs.map(part).collect()
+        }));
+    }
+    parts
 }
 
 fn chart(
@@ -245,8 +275,8 @@ fn remarks(fit: Option<&Scaling>, counts: Vec<usize>) -> Vec<String> {
         cells => format!("exponent {}, {cells} left out", exponent(fit)),
     });
     let counts = counts.into_iter().minmax().into_option().map(|counts| match counts {
-        (least, most) if least == most => format!("n = {least}"),
-        (least, most) => format!("n = {least} – {most}"),
+        (min, max) if min == max => format!("n = {min}"),
+        (min, max) => format!("n = {min} – {max}"),
     });
     exponent.into_iter().chain(counts).collect()
 }

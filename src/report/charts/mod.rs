@@ -6,11 +6,9 @@
 mod bars;
 mod chart;
 mod lines;
-mod map;
 pub(super) mod names;
 pub mod png;
 pub mod points;
-mod ratios;
 mod stacked;
 mod strip;
 pub mod style;
@@ -20,7 +18,7 @@ use itertools::Itertools;
 use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 
-use self::{lines::LineCharts, map::MapPanel};
+use self::lines::LineCharts;
 pub use self::{stacked::shares, strip::strip};
 use super::colors::StageColors;
 use super::document::Tone;
@@ -83,8 +81,8 @@ impl<'s> PlotInput<'s> {
 
     fn select(&self, plot: &Plot) -> PlotInput<'s> {
         let belongs = |cell: &&Cell| {
-            let on_axis = plot.over.as_ref().is_none_or(|over| cell.axes.contains_key(over));
-            on_axis && experiments::fits(cell, &plot.filter)
+            let on_axes = plot.axes().all(|axis| cell.axes.contains_key(axis));
+            on_axes && experiments::fits(cell, &plot.filter)
         };
         PlotInput { cells: self.cells.iter().copied().filter(belongs).collect(), ..*self }
     }
@@ -172,7 +170,7 @@ impl<'s> TitledPanel<'s> {
         if input.cells.len() > MAX_CELLS {
             return Err("it has more than 2,000 cells, which cells.csv lists");
         }
-        let body = body(plot, input)?.ok_or("no records hold its data")?;
+        let body = body(plot, input).ok_or("no records hold its data")?;
         let mut lines = verdicts(plot, input, section);
         lines.extend(published(plot, input));
         Ok(TitledPanel { title: &plot.title, lines, body })
@@ -197,20 +195,15 @@ impl<'s> TitledPanel<'s> {
     }
 }
 
-fn body<'s>(
-    plot: &'s Plot,
-    input: &'s PlotInput<'s>,
-) -> Result<Option<Box<dyn Panel + 's>>, &'static str> {
+fn body<'s>(plot: &'s Plot, input: &'s PlotInput<'s>) -> Option<Box<dyn Panel + 's>> {
     fn boxed<'s, P: Panel + 's>(panel: P) -> Box<dyn Panel + 's> {
         Box::new(panel)
     }
-    Ok(match plot.kind {
+    match plot.kind {
         PlotKind::Scaling | PlotKind::Lines => LineCharts::new(plot, input).map(boxed),
         PlotKind::Stacked => stacked::chart(input).map(boxed),
         PlotKind::Bars => bars::chart(plot, input).map(boxed),
-        PlotKind::Ratios => ratios::chart(plot, input).map(boxed),
-        PlotKind::Map => MapPanel::new(plot, input)?.map(boxed),
-    })
+    }
 }
 
 /// The rulings on the claims about what a plot shows: the same measure, along an axis that its cells have.
@@ -315,9 +308,8 @@ mod tests {
             ("spt-photons", "time (ms), log", 4),
             ("spt-photons", "sprites/draw", 1),
             ("spt-photons", "ldi/peel", 1),
-            ("uw-tessellation", "n = 15", 1),
-            ("uw-tessellation", "what the claim allows", 1),
-            ("uw-tessellation", "fill=\"#DEEEE4\"", 3),
+            ("uw-tessellation", "n = 15", 4),
+            ("uw-tessellation", "loop bound dynamic", 1),
         ] {
             let svg = &svgs[&format!("{file}.svg")];
             assert!(svg.matches(words).count() >= least, "{file}: {words}");
@@ -363,7 +355,9 @@ mod tests {
     /// The title has the first 72 rows of a PNG for itself.
     #[test]
     fn a_png_is_its_plot_at_twice_the_size_with_words() {
-        let (records, wordless) = (mapped(), png::Rasterizer(Default::default()));
+        let bars = CATEGORIES.replace("KIND", "bars").replace("OVER", "scene");
+        let records = records_of(&bars.replace("VALUES", r#"["tank", "port"]"#), |_| {});
+        let wordless = png::Rasterizer(Default::default());
         let dark = |rasterizer: &png::Rasterizer, rows| {
             let files = rasterizer.pictures(&Report::new(&records, None)).unwrap();
             let picture = image::load_from_memory(&files[0].bytes).unwrap().to_luma8();
@@ -456,6 +450,13 @@ mod tests {
         over = "scene"
         where = { "godrays.grid" = 10 }
         y = ["frame"]
+        [[plot]]
+        title = "Over the other scene"
+        kind = "ratios"
+        over = "scene"
+        numerator = "port"
+        denominator = "tank"
+        y = ["frame", "stage:caustics/trace"]
     "#;
 
     /// Records of an experiment whose error is the number of the cell.
@@ -484,27 +485,19 @@ mod tests {
         })
     }
 
+    /// A plot of maps, as earlier versions had it.
     #[test]
-    fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
+    fn lines_have_a_chart_for_each_value_of_an_axis_with_panels() {
         let svg = svgs(&mapped()).remove("own.svg").unwrap();
-        let texts: Vec<&str> =
-            svg.lines().filter(|line| !line.starts_with('<')).map(str::trim).collect();
-        // Scenes move fastest, then rows: of tank 0, 4, 8 above 2, 6, 10; of port 1, 5, 9 above 3, –, 11.
-        let port = texts.iter().position(|text| *text == "port").unwrap();
-        let (tank, port) = texts.split_at(port);
-        for (map, fields) in [
-            (tank, ["0", "4.00", "8.00", "2.00", "6.00", "10.0"]),
-            (port, ["1.00", "5.00", "9.00", "3.00", "–", "11.0"]),
-        ] {
-            let places = fields.map(|field| map.iter().position(|text| *text == field));
-            assert!(places.iter().all(Option::is_some), "{fields:?} {map:?}");
-            assert!(places.is_sorted(), "{places:?}");
-        }
-        for text in ["Error", "error (m)", "smallest value", "By scene"] {
+        let texts = svg.lines().filter(|line| !line.starts_with('<')).map(str::trim);
+        let row = "side of the godray photon grid 5";
+        let shown = texts.filter(|text| ["tank", "port", row].contains(text)).take(4);
+        assert_eq!(shown.collect_vec(), ["tank", row, "port", row]);
+        for text in ["Error", "error (m), linear", "By scene"] {
             assert!(svg.contains(text), "{text}");
         }
-        // One scale for all maps: the lightest colour is that of the largest value.
-        assert_eq!(svg.matches("#FDE725").count(), 1);
+        // Of three points each, and of one series without one that was lost.
+        assert_eq!(joins(&svg), 3 * 2 + 1);
     }
 
     #[test]
@@ -514,13 +507,26 @@ mod tests {
         let experiment = fixtures::own(MAPPED);
         let (cells, colors) = (view.sections[0].cells(), &view.colors);
         let input = PlotInput { experiment: &experiment, cells, colors, software: true };
-        let plot = &experiment.plot[1];
-        let chart = bars::chart(plot, &input.select(plot)).unwrap();
-        let shape = chart.items.iter().filter_map(|item| match item {
-            Item::Label(label, _) => Some(label.as_str()),
-            Item::Bar(..) => Some("bar"),
-            _ => None,
-        });
-        assert!(shape.eq(["tank", "bar", "bar", "bar", "port", "bar", "bar"]));
+        let shape = |plot: usize| {
+            let plot = &experiment.plot[plot];
+            let chart = bars::chart(plot, &input.select(plot)).unwrap();
+            let words = chart.items.into_iter().filter_map(|item| match item {
+                Item::Label(label, _) => Some(label),
+                Item::Bar(..) => Some("bar".to_owned()),
+                _ => None,
+            });
+            (words.collect_vec(), chart.legend.0.into_iter().map(|(_, words)| words).collect_vec())
+        };
+        let (by_scene, series) = shape(1);
+        assert_eq!(by_scene, ["tank", "bar", "bar", "bar", "port", "bar", "bar"]);
+        assert_eq!(series.len(), 3);
+        // Ratios of two measures, as earlier versions had them.
+        assert_eq!(experiment.plot.len(), 4);
+        for plot in [2, 3] {
+            let (pairs, scenes) = shape(plot);
+            let sizes = pairs.split(|word| word != "bar").skip(1).map(<[String]>::len);
+            assert!(sizes.eq([2, 2, 2, 1, 2, 2]), "{pairs:?}");
+            assert_eq!(scenes, ["tank", "port"]);
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! What cells, axes and values are called on plots.
 
+use itertools::Itertools;
 use serde_json::Value;
 
 use super::PlotInput;
@@ -25,15 +26,16 @@ pub fn value(axis_name: &str, value: &Value, experiment: &Experiment) -> String 
 }
 
 /// The shorter of the axis' title and its words.
-pub fn short_axis(name: &str, experiment: &Experiment) -> String {
+fn short_axis(name: &str, experiment: &Experiment) -> String {
     let names = [axis(name, experiment), words::parameter_label(name)];
     let shortest = names.into_iter().min_by_key(|name| name.chars().count());
     shortest.unwrap_or_default()
 }
 
-/// A cell's values on all axes but one; its scene where it has no axis.
-pub fn cell(cell: &Cell, but: Option<&str>, experiment: &Experiment) -> String {
-    let axes = cell.axes.iter().filter(|(name, _)| Some(name.as_str()) != but);
+/// A cell's values on all axes but those that the plot names; its scene where it has no axis.
+pub fn cell(cell: &Cell, plot: Option<&Plot>, experiment: &Experiment) -> String {
+    let is_named = |name: &str| plot.is_some_and(|plot| plot.axes().contains(&name));
+    let axes = cell.axes.iter().filter(|(name, _)| !is_named(name));
     let values: Vec<String> = axes.map(|(name, v)| value(name, v, experiment)).collect();
     if cell.axes.is_empty() { cell.scene.clone() } else { values.join(", ") }
 }
@@ -64,7 +66,7 @@ pub fn y_title(plot: &Plot, only: Option<&Measure>) -> String {
 /// What the cells of a group share on the axes that a plot is not over; empty where there are none.
 pub fn group(plot: &Plot, cells: &[&Cell], experiment: &Experiment) -> String {
     match (&plot.over, cells.first()) {
-        (Some(over), Some(first)) if first.axes.len() > 1 => cell(first, Some(over), experiment),
+        (Some(_), Some(first)) if first.axes.len() > 1 => cell(first, Some(plot), experiment),
         _ => String::new(),
     }
 }
