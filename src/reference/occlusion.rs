@@ -99,16 +99,11 @@ pub fn cosine_direction([u, v]: [f64; 2]) -> DVec3 {
     DVec3::new(u.sqrt() * cos, u.sqrt() * sin, (1.0 - u).sqrt())
 }
 
-/// Rotation that brings +z to a unit normal (Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017).
+/// Rotation that brings +z to a unit normal.
 pub fn tangent_frame(n: DVec3) -> DMat3 {
-    let sign = if n.z >= 0.0 { 1.0 } else { -1.0 };
-    let a = -1.0 / (sign + n.z);
-    let b = n.x * n.y * a;
-    DMat3::from_cols(
-        DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
-        DVec3::new(b, sign + n.y * n.y * a, -n.y),
-        n,
-    )
+    // Adding 0 makes 0 of −0, whose sign would turn the frame.
+    let (x, y) = (n + DVec3::ZERO).any_orthonormal_pair();
+    DMat3::from_cols(x, y, n)
 }
 
 /// Occlusion at `share` × r_max from an endless wall that stands on an endless floor. Directions that meet the wall within

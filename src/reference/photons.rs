@@ -102,11 +102,6 @@ pub fn place_in_grid(number: u32, [columns, rows]: [u32; 2], offset: [f64; 2]) -
 /// Follows the photon at a place of the grid: air, refraction at the surface, water.
 pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, place: [f64; 2]) -> Landing {
     let (origin, incident) = frame.photon_ray(place);
-    land_ray(water, tracer, origin, incident)
-}
-
-/// Follows a photon from any place in the air in a unit direction.
-pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) -> Landing {
     let Some(entry) = enter(water, origin, incident, f64::MAX) else {
         return Landing::MissesWater;
     };

@@ -45,21 +45,14 @@ pub fn enter(water: &Water, origin: DVec3, direction: DVec3, max_distance_m: f64
             let t = root(above, (t0, f0), (t1, f1));
             let p = origin + direction * t;
             if water.contains(p.x, p.z) {
-                return Some(entry_at(water, p, t));
+                // Its height is taken from the surface, so that it lies on it to the last digit.
+                let position = p.with_y(water.height(p.x, p.z));
+                return Some(Entry { position, normal: water.normal(p.x, p.z), distance_m: t });
             }
         }
         (t0, f0) = (t1, f1);
     }
     None
-}
-
-/// The entry with its height taken from the surface, so that it lies on it to the last digit.
-fn entry_at(water: &Water, p: DVec3, distance_m: f64) -> Entry {
-    Entry {
-        position: DVec3::new(p.x, water.height(p.x, p.z), p.z),
-        normal: water.normal(p.x, p.z),
-        distance_m,
-    }
 }
 
 /// Part of the ray, in metres from its origin, inside the slab that holds every wave.

@@ -4,7 +4,7 @@ use super::check::within_ranges;
 use fathom_base::settings;
 use glam::dcamera::rh::proj::directx;
 use glam::dcamera::rh::view;
-use glam::{DMat4, DVec3, DVec4};
+use glam::{DMat4, DVec3};
 
 settings! {
     /// Position, orientation and lens of the viewer.
@@ -93,13 +93,6 @@ impl Camera {
         })
     }
 
-    /// The six planes (n, d) of the view frustum with n·p + d ≥ 0 inside.
-    pub(crate) fn frustum_planes(&self, aspect: f64) -> [DVec4; 6] {
-        let m = self.view_projection(aspect);
-        let (x, y, z, w) = (m.row(0), m.row(1), m.row(2), m.row(3));
-        [w + x, w - x, w + y, w - y, z, w - z]
-    }
-
     /// Whether the camera can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
         within_ranges("camera", self)?;
@@ -124,6 +117,7 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::super::check::{InvalidCase, assert_refused};
+    use super::super::frustum::frustum_planes;
     use super::*;
 
     fn camera() -> Camera {
@@ -155,7 +149,7 @@ mod tests {
     fn corners_lie_on_the_planes() {
         let c = camera();
         for corner in c.frustum_corners(1.2) {
-            let planes = c.frustum_planes(1.2);
+            let planes = frustum_planes(&c.view_projection(1.2));
             let on = planes.iter().filter(|p| p.dot(corner.extend(1.0)).abs() < 1e-6);
             assert_eq!(on.count(), 3, "{corner}");
         }

@@ -1,6 +1,6 @@
 //! The part of a box that a camera sees.
 
-use glam::{DVec2, DVec3, DVec4};
+use glam::{DMat4, DVec2, DVec3, DVec4};
 
 use super::{bounds::Bounds, camera::Camera};
 
@@ -16,7 +16,7 @@ const FRUSTUM_FACES: [[usize; 4]; 6] =
 /// not meet. Each lies on a face of one solid cut by the planes of the other.
 pub fn visible_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec3> {
     let corners = camera.frustum_corners(aspect);
-    let frustum_planes = camera.frustum_planes(aspect);
+    let frustum_planes = frustum_planes(&camera.view_projection(aspect));
     let box_planes = planes(bounds);
     let frustum_faces = FRUSTUM_FACES
         .iter()
@@ -30,6 +30,12 @@ pub fn surface_within(bounds: &Bounds, planes: &[DVec4]) -> Vec<DVec3> {
     let faces =
         BOX_FACES.iter().map(|face| clip_polygon(face.map(|i| corners[i]).to_vec(), planes));
     faces.flatten().collect()
+}
+
+/// The six planes (n, d) of what a view-projection matrix shows, with n·p + d ≥ 0 inside: those of the four sides first.
+pub fn frustum_planes(m: &DMat4) -> [DVec4; 6] {
+    let (x, y, z, w) = (m.row(0), m.row(1), m.row(2), m.row(3));
+    [w + x, w - x, w + y, w - y, z, w - z]
 }
 
 /// The planes (n, d) of a box with n·p + d ≥ 0 inside.

@@ -3,11 +3,11 @@
 use std::f64::consts::TAU;
 
 use glam::{DMat4, DVec2, DVec3, DVec4, Vec3Swizzles};
-use itertools::iproduct;
+use itertools::{Itertools, iproduct};
 
 use super::bounds::Bounds;
 use super::camera::Camera;
-use super::frustum::{Rectangle, clip_polygon, planes, visible_points};
+use super::frustum::{Rectangle, clip_polygon, frustum_planes, planes, visible_points};
 use super::light_frame::{LightFrame, LightKind, tangent};
 use super::water::Water;
 
@@ -26,18 +26,15 @@ impl PhotonStart {
         let hull = hull(&entries.iter().map(|p| p.xz()).collect::<Vec<_>>());
         let lit = clip_polygon(hull.iter().map(level).collect(), &planes(&water.bounds()));
         // Of a point light's frustum only what lies within has a place across the axis.
-        let rows = frame.view_projection.transpose();
-        let (across_x, across_y, w) = (rows.x_axis, rows.y_axis, rows.w_axis);
-        let frustum = [w + across_x, w - across_x, w + across_y, w - across_y];
+        let frustum = &frustum_planes(&frame.view_projection)[..4];
         // Faces of the waves' prism: trough, crest and sides.
         let heights = [-water.bound_m(), water.bound_m()];
         let mut faces = heights.map(|y| lit.iter().map(|p| p.with_y(y)).collect()).to_vec();
-        let next = lit.iter().cycle().skip(1);
-        faces.extend(lit.iter().zip(next).map(|(a, b)| {
+        faces.extend(lit.iter().circular_tuple_windows().map(|(a, b)| {
             let [low, high] = heights;
             vec![a.with_y(low), b.with_y(low), b.with_y(high), a.with_y(high)]
         }));
-        let places = faces.into_iter().flat_map(|face| clip_polygon(face, &frustum));
+        let places = faces.into_iter().flat_map(|face| clip_polygon(face, frustum));
         let places = places.map(|p| across(frame, p));
         PhotonStart::from_points(&places.collect::<Vec<_>>())
     }
@@ -45,8 +42,8 @@ impl PhotonStart {
     /// The smallest rectangle around points has a side along one of their hull (Freeman and Shapira 1975).
     fn from_points(points: &[DVec2]) -> Option<PhotonStart> {
         let hull = hull(points);
-        let next = hull.iter().cycle().skip(1);
-        let sides = hull.iter().zip(next).filter_map(|(a, b)| (*b - *a).try_normalize());
+        let edges = hull.iter().circular_tuple_windows();
+        let sides = edges.filter_map(|(a, b)| (*b - *a).try_normalize());
         let rotated = sides.map(|side| {
             let rotate = |p: &DVec2| DVec2::new(side.dot(*p), side.perp().dot(*p));
             PhotonStart { side, within: Rectangle::from_points(hull.iter().map(rotate)) }

@@ -156,11 +156,7 @@ impl Water {
     /// Whether the water can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
         within_ranges("water", self)?;
-        self.validate_model()
-    }
-
-    /// Waves that are given are not left aside without a word.
-    fn validate_model(&self) -> Result<(), String> {
+        // Waves that are given are not left aside without a word.
         let (model, is_given) = (self.model, !self.waves.is_empty());
         match model {
             WaterModel::Waves if !is_given => {

@@ -4,6 +4,7 @@ use crate::prelude::*;
 use fathom_pipelines::underwater::{IntensityRule as Rule, Params, Splatting, Underwater};
 use fathom_reference::splat::{Splat, SplatSize, rasterize, splat_value};
 use fathom_stages::caustics::splat::{self, SplatCoverage, SplatStyle, SplatUniforms};
+use half::f16;
 
 const STAGE: &str = "caustics/splat";
 const SIZE: [u32; 2] = [512, 512];
@@ -373,10 +374,12 @@ fn accumulation(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let drawn_by = name(rules.splatting);
     let what = format!("{count} contributions of 0.001 at one pixel, {drawn_by}, relative error");
     let check = Check::new(rig, what).within((tolerance, "1"), error(image.clamped(256, 192)));
+    let added = |sum: f16| f16::from_f64(f64::from(sum) + EACH_W);
+    let halves = (0..count).fold(f16::ZERO, |sum, _| added(sum));
     Ok(if short {
         check.control("a photon less", error(EACH_W * (count - 1) as f64))
     } else {
-        check.control("sum in a 16-bit float", error(half_float_sum(EACH_W, count)))
+        check.control("sum in a 16-bit float", error(halves.into()))
     })
 }
 
@@ -458,15 +461,6 @@ fn extremes(
     Ok(Check::new(rig, format!("{what}, {}: Σ |difference| / Σ", name(rules.splatting)))
         .within((rules.coverage(rig), "1"), error(&rules)?)
         .control("s_max 500 px", error(&wide)?))
-}
-
-/// What a 16-bit float target holds after adding `each` `count` times, rounding to 11 bits.
-fn half_float_sum(each: f64, count: usize) -> f64 {
-    let round = |v: f64| {
-        let step = 2f64.powi(v.log2().floor() as i32 - 10);
-        (v / step).round_ties_even() * step
-    };
-    (0..count).fold(0.0, |sum, _| round(sum + each))
 }
 
 /// A point light over a level floor, through water that neither refracts nor absorbs: the flux that a camera straight above
