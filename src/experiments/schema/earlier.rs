@@ -6,8 +6,10 @@ use toml::Table;
 
 use super::{Plot, Test};
 
+type Renamed = &'static [(&'static str, &'static str)];
+
 /// Earlier test, the test of today, and their keys that were renamed.
-const TESTS: [(&str, &str, &[(&str, &str)]); 4] = [
+const TESTS: [(&str, &str, Renamed); 4] = [
     ("at_least", "within", &[("value", "low")]),
     ("independent", "ratio", &[]),
     ("lowest", "ratio", &[("value", "numerator")]),
