@@ -11,8 +11,8 @@ use super::{Pipeline, PipelineInstance, settings, to_map};
 use fathom_gpu::kit::Resources;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
-use fathom_stages::bilateral;
 use fathom_stages::geometry::Geometry;
+use fathom_stages::hsao::filter;
 use fathom_stages::hsao::march::{self, HorizonUniforms};
 
 pub use parameters::{Horizon, Params};
@@ -49,7 +49,7 @@ impl Pipeline for Hsao {
         let textures = &seen.gbuffer;
         let march = march::new(&of_buffer, &seen.shared, textures, &uniforms, hard, None)?;
         let march = of_buffer.push(march);
-        let filter = params.hsao.filter.then_some((&bilateral::HSAO, &params.filter));
+        let filter = params.hsao.filter.then_some((&filter::INFO, &params.filter));
         let composed =
             LitImage::new(resources, &seen, scene, &geometry, &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {

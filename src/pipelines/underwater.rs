@@ -14,16 +14,19 @@ use super::settings::{self, VIEWPORT, begin, scaled};
 use fathom_gpu::GpuError;
 use fathom_gpu::kit::Resources;
 use fathom_scene::Scene;
+use fathom_stages::caustics;
+use fathom_stages::caustics::filter::GuidedUniforms;
 use fathom_stages::caustics::splat::{self, SplatStyle, SplatUniforms};
 use fathom_stages::compose::{self, ComposeInputs, ComposeUniforms};
 use fathom_stages::geometry::Geometry;
+use fathom_stages::godrays::filter::FilterUniforms;
 use fathom_stages::godrays::lines::LinesUniforms;
 use fathom_stages::lit_scene;
-use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
 use fathom_stages::photon::{self, Photons, TraceUniforms};
 use fathom_stages::picture::Picture;
 use fathom_stages::splatting::{PHOTONS_PER_INSTANCE, SplatSums};
 use fathom_stages::uniforms::{Shared, View};
+use fathom_stages::water;
 use fathom_stages::{Stage, godrays, scene, shadow};
 
 pub use grid::GridSettings;
@@ -85,8 +88,8 @@ impl Pipeline for Underwater {
         let of_surface = &resources.with_size_hint("view × surface.scale");
         let surface_px = scaled(size_px, params.surface.scale);
         let lit = |info| lit_scene::new(of_surface, info, shared, geometry, surface_px);
-        let reflection = of_surface.push(lit(&lit_scene::REFLECTION)?);
-        let refraction = of_surface.push(lit(&lit_scene::REFRACTION)?);
+        let reflection = of_surface.push(lit(&water::reflection::INFO)?);
+        let refraction = of_surface.push(lit(&water::refraction::INFO)?);
 
         let depth = &gbuffer.depth;
         let [caustics, godrays] = photon_grids(resources, shared, light, depth, params, &plan)?;
@@ -121,7 +124,7 @@ fn photon_grids(
         depth_share: params.caustics.filter_depth_share as f32,
     };
     let filter = |of: &Resources<'_>, drawn: &SplatSums| {
-        low_pass::guided(of, &low_pass::CAUSTICS, drawn, shared, seen, &guide)
+        caustics::filter::new(of, drawn, shared, seen, &guide)
     };
     let caustics = photon_stages(
         resources,
@@ -145,9 +148,7 @@ fn photon_grids(
         taps: params.godrays.filter_taps,
         radius_px: params.godrays.filter_radius_px as f32,
     };
-    let filter = |of: &Resources<'_>, drawn: &SplatSums| {
-        low_pass::new(of, &low_pass::GODRAYS, drawn, &settings)
-    };
+    let filter = |of: &Resources<'_>, drawn: &SplatSums| godrays::filter::new(of, drawn, &settings);
     let godrays = photon_stages(
         resources,
         shared,

@@ -1,5 +1,5 @@
-//! Stages: the units that are timed. Each has a file with the same stem as its shader; stages of two families that are the same stand in
-//! the file that they share.
+//! Stages: the units that are timed. Each has a file with the same stem as its shader; what stages of two families share
+//! lies in `shared`.
 //!
 //! A stage is made from the typed resources of earlier stages. It encodes its passes through the
 //! [`StageScope`](fathom_gpu::StageScope), which writes the timestamps, and declares its work.
@@ -13,19 +13,25 @@ pub mod voxel;
 
 /// Volume ambient occlusion. VAO §5.1, §6.
 pub mod ao {
+    pub mod bilateral;
     pub mod compose;
     pub mod glass;
     pub mod march;
     pub mod query;
 }
 pub mod caustics {
+    pub mod filter;
     pub mod splat;
+    pub mod trace;
 }
 pub mod godrays {
+    pub mod filter;
     pub mod lines;
+    pub mod trace;
 }
 /// Horizon-split ambient occlusion, the screen-space method that VAO §6 compares with.
 pub mod hsao {
+    pub mod filter;
     pub mod march;
 }
 pub mod ldi {
@@ -70,6 +76,11 @@ pub mod transfer {
     pub mod sight;
 }
 
+pub mod water {
+    pub mod reflection;
+    pub mod refraction;
+}
+
 pub use shared::*;
 
 pub use fathom_gpu::{Column, OutputData, ReadRow, Stage, StageDump, StageInfo};
@@ -94,19 +105,19 @@ pub const REGISTRY: &[StageInfo] = &[
     scene::gbuffer::INFO,
     ao::march::INFO,
     ao::query::INFO,
-    bilateral::AO,
+    ao::bilateral::INFO,
     ao::compose::INFO,
     ao::glass::INFO,
     hsao::march::INFO,
-    bilateral::HSAO,
-    lit_scene::REFLECTION,
-    lit_scene::REFRACTION,
-    photon::CAUSTICS,
+    hsao::filter::INFO,
+    water::reflection::INFO,
+    water::refraction::INFO,
+    caustics::trace::INFO,
     caustics::splat::INFO,
-    low_pass::CAUSTICS,
-    photon::GODRAYS,
+    caustics::filter::INFO,
+    godrays::trace::INFO,
     godrays::lines::INFO,
-    low_pass::GODRAYS,
+    godrays::filter::INFO,
     compose::INFO,
     transfer::map::INFO,
     transfer::shadow::INFO,

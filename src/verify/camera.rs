@@ -4,7 +4,7 @@ use std::iter::successors;
 
 use crate::prelude::*;
 use fathom_reference::picture::PictureLight;
-use fathom_stages::lit_scene;
+use fathom_stages::{lit_scene, water};
 
 const SIZE: [u32; 2] = [160, 120];
 const SHORE_SIZE: [u32; 2] = [96, 72];
@@ -15,10 +15,10 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new("scene/gbuffer", "depth, normal and albedo", gbuffer),
         Case::new("water/reflection", "from the mirrored camera, pixel by pixel", |rig| {
-            lit_shore(rig, &lit_scene::REFLECTION, true)
+            lit_shore(rig, &water::reflection::INFO, true)
         }),
         Case::new("water/refraction", "beyond the water, pixel by pixel", |rig| {
-            lit_shore(rig, &lit_scene::REFRACTION, false)
+            lit_shore(rig, &water::refraction::INFO, false)
         }),
     ]
 }

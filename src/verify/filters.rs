@@ -2,7 +2,8 @@
 
 use crate::prelude::*;
 use fathom_gpu::Column;
-use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
+use fathom_stages::caustics::filter::{self as caustics, GuidedUniforms};
+use fathom_stages::godrays::filter::{self as godrays, FilterUniforms};
 use fathom_stages::splatting::SplatSums;
 
 const SIZE: [u32; 2] = [96, 64];
@@ -17,7 +18,7 @@ const APART_PX: u32 = 16;
 const MEAN: f64 = 0.50188;
 
 pub fn cases() -> Vec<Case> {
-    let [caustics, godrays] = [low_pass::CAUSTICS.name, low_pass::GODRAYS.name];
+    let [caustics, godrays] = [caustics::INFO.name, godrays::INFO.name];
     vec![
         Case::new(caustics, "points of light and noise", |rig| plain(rig, caustics_alone)),
         Case::new(godrays, "points of light and noise", |rig| plain(rig, godrays_alone)),
@@ -38,7 +39,7 @@ fn guided(
     let settings =
         GuidedUniforms { taps: TAPS, radius_px: radius_px as f32, depth_share: share as f32 };
     let (sums, shared) = (sums(rig, image), Shared::new(rig, view));
-    let stage = low_pass::guided(rig, &low_pass::CAUSTICS, &sums, &shared, depth, &settings)?;
+    let stage = caustics::new(rig, &sums, &shared, depth, &settings)?;
     rig.draw(&[&stage], stage.texture(), 0)
 }
 
@@ -50,7 +51,7 @@ fn caustics_alone(rig: &Rig<'_>, image: &Image, radius_px: f64) -> Result<Image>
 
 fn godrays_alone(rig: &Rig<'_>, image: &Image, radius_px: f64) -> Result<Image> {
     let settings = FilterUniforms { taps: TAPS, radius_px: radius_px as f32 };
-    let stage = low_pass::new(rig, &low_pass::GODRAYS, &sums(rig, image), &settings)?;
+    let stage = godrays::new(rig, &sums(rig, image), &settings)?;
     rig.draw(&[&stage], stage.texture(), 0)
 }
 

@@ -9,7 +9,8 @@ use crate::{Errors, Judge, JudgeError, Rates, even_step, judged_view};
 use fathom_record::ErrorFigure;
 use fathom_reference::photons::{PhotonGrid as ExactGrid, land_all};
 use fathom_reference::quantities::quantile;
-use fathom_stages::photon::{self, Fate, Photon, Photons};
+use fathom_stages::photon::{Fate, Photon, Photons};
+use fathom_stages::{caustics, godrays};
 
 /// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
 const MAX_PHOTONS: usize = 10_000;
@@ -71,8 +72,8 @@ impl Underwater {
         let caustics = (self.params.caustics.grid_settings(), &self.caustics.photons);
         let godrays = (self.params.godrays.grid_settings(), &self.godrays.photons);
         [
-            ("caustics", photon::CAUSTICS.name, caustics.0, caustics.1),
-            ("godrays", photon::GODRAYS.name, godrays.0, godrays.1),
+            ("caustics", caustics::trace::INFO.name, caustics.0, caustics.1),
+            ("godrays", godrays::trace::INFO.name, godrays.0, godrays.1),
         ]
     }
 }

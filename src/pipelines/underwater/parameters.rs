@@ -12,7 +12,7 @@ use fathom_base::settings;
 use fathom_gpu::StageInfo;
 use fathom_scene::{Camera, Light, SceneFile, Water};
 use fathom_stages::caustics::splat::{PointSize, SplatCoverage};
-use fathom_stages::photon::{self, PhotonEstimator};
+use fathom_stages::photon::PhotonEstimator;
 
 settings! {
     pub struct Params from file: SceneFile {
@@ -116,7 +116,7 @@ pub(super) struct PhotonPath {
 macro_rules! photon_settings {
     (
         $(#[doc = $about:tt])*
-        $group:ident of $name:ident traced by $trace:path, from $file:ident, $scale:literal of the viewport;
+        $group:ident of $name:ident, from $file:ident, $scale:literal of the viewport;
         { $($grid:tt)* }
         { $($drawn:tt)* }
     ) => {
@@ -179,7 +179,7 @@ macro_rules! photon_settings {
                         ".subdivision"
                     ),
                     buffer_sized_by: concat!(stringify!($name), ".buffer"),
-                    trace: &$trace,
+                    trace: &fathom_stages::$name::trace::INFO,
                     grid: self.grid_settings(),
                     conserving: self.intensity == IntensityRule::Conserving,
                     filter: self.filter,
@@ -210,7 +210,7 @@ macro_rules! photon_settings {
 
 photon_settings! {
     /// Caustics: a photon grid, drawn as splats. UW §3.3.
-    Caustics of caustics traced by photon::CAUSTICS, from file, 0.64 of the viewport;
+    Caustics of caustics, from file, 0.64 of the viewport;
     {
         /// Cells per side of the photon grid. UW §4.1: 200.
         grid: u32 = 200 => 1 ..= 16384, "1";
@@ -247,7 +247,7 @@ photon_settings! {
 
 photon_settings! {
     /// Godrays: a photon grid, drawn as lines. UW §3.4.
-    Godrays of godrays traced by photon::GODRAYS, from file, 0.16 of the viewport;
+    Godrays of godrays, from file, 0.16 of the viewport;
     {
         /// Cells per side of the photon grid. UW §4.1: 100.
         grid: u32 = 100 => 1 ..= 16384, "1";

@@ -1,20 +1,8 @@
-//! What `ao/bilateral` and `hsao/filter` are: a joint bilateral filter and up-scaling. VAO §6.
+//! What `ao/bilateral` and `hsao/filter` share: a joint bilateral filter and up-scaling. VAO §6.
 
 use glam::Vec2;
 
 use crate::prelude::*;
-
-pub const AO: StageInfo = StageInfo {
-    name: "ao/bilateral",
-    about: "joint bilateral filter guided by depth, and up-scaling",
-    source: "VAO §6",
-};
-
-pub const HSAO: StageInfo = StageInfo {
-    name: "hsao/filter",
-    about: "joint bilateral filter guided by depth, and up-scaling, of screen-space occlusion",
-    source: "VAO §6",
-};
 
 /// Format of ambient-occlusion buffers: visibility 1 − A, 1 where nothing was drawn.
 pub const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;

@@ -1,19 +1,7 @@
-//! What `water/reflection` and `water/refraction` are: the scene lit without photons.
+//! What `water/reflection` and `water/refraction` share: the scene lit without photons.
 
 use crate::geometry::{self, Geometry};
 use crate::prelude::*;
-
-pub const REFLECTION: StageInfo = StageInfo {
-    name: "water/reflection",
-    about: "what the water mirrors, drawn from the camera mirrored about y = 0",
-    source: "UW §3 step 4",
-};
-
-pub const REFRACTION: StageInfo = StageInfo {
-    name: "water/refraction",
-    about: "what lies beyond the water, drawn from the camera",
-    source: "UW §3 step 4",
-};
 
 /// The stage `info`. It leaves radiance.
 pub fn new(

@@ -10,10 +10,7 @@ use fathom_gpu::kit::{Resource, square_workgroups};
 use fathom_gpu::{Gpu, MAX_ITERATIONS, read_buffer};
 use fathom_scene::LightKind;
 
-pub const CAUSTICS: StageInfo = trace("caustics/trace", "UW §3.3");
-pub const GODRAYS: StageInfo = trace("godrays/trace", "UW §3.4");
-
-const fn trace(name: &'static str, source: &'static str) -> StageInfo {
+pub(crate) const fn info(name: &'static str, source: &'static str) -> StageInfo {
     let about = "photon grid: water intersection, refraction, image-space estimator";
     StageInfo { name, about, source }
 }

@@ -9,7 +9,8 @@ use fathom::reference::photons::{Landing, PhotonGrid, land_all};
 use fathom::reference::rays::Tracer;
 use fathom::scene::{Bounds, Camera, LightFrame, LightKind, Mesh, Object};
 use fathom::scene::{Scene, SceneFile, Water, WaterModel, Wave};
-use fathom::stages::photon::{CAUSTICS, Fate, Photon};
+use fathom::stages::caustics::trace::INFO;
+use fathom::stages::photon::{Fate, Photon};
 use fathom::verify::rig::{Random, Rig};
 use glam::DVec3;
 
@@ -199,9 +200,9 @@ impl Traced {
         (params.shadow.size, params.shadow.edge_m) = (shadow_px, 0.005);
         (params.caustics.grid, params.caustics.mask, params.godrays.grid) = (cells, false, 1);
         (params.caustics.jitter, params.caustics.step_px) = (0.0, step_px);
-        let (rig, grid) = (Rig::new(gpu, CAUSTICS.name), PhotonGrid::new(cells, 2));
+        let (rig, grid) = (Rig::new(gpu, INFO.name), PhotonGrid::new(cells, 2));
         let pipeline = BuiltPipeline::<Underwater>::new(gpu, scene, &params).unwrap();
-        rig.run_until(&pipeline, CAUSTICS.name).unwrap();
+        rig.run_until(&pipeline, INFO.name).unwrap();
         let (frame, tracer) = (pipeline.view.light_frame(), Tracer::new(&scene.objects));
         let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
         let photons = pipeline.caustics.photons.read(rig.gpu).unwrap();
