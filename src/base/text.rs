@@ -197,7 +197,7 @@ pub fn check_id(id: &str) -> Result<(), String> {
         return Err(format!("id `{}` must be lower-case letters, digits and `-`", line(id)));
     }
     if id.len() > ID_LENGTH {
-        return Err(format!("id `{id}` has {} characters, the best are {ID_LENGTH}", id.len()));
+        return Err(format!("id `{id}` has {} characters, at most {ID_LENGTH}", id.len()));
     }
     Ok(())
 }

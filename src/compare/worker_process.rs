@@ -252,7 +252,7 @@ impl WorkerProcess {
                 let (name, process, asked) = (&self.name, self.tree.id(), self.request);
                 let patience_s = patience.as_secs();
                 (waiting.report)(&format!(
-                    "waiting for the {name} worker (process {process}) to answer `{asked}`, for at patience_s {patience_s} s"
+                    "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {patience_s} s"
                 ));
             }
         }
