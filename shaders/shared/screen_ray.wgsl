@@ -12,7 +12,7 @@
 #import fathom::host::{Transfer, WalkUniforms}
 #import fathom::clip::{cut, cut_to_sides}
 #import fathom::screen::{to_pixels}
-#import fathom::uniforms::{focal_lengths, frame, view_depth_m, world_at}
+#import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
 #import fathom::surface_texel::{Surface}
@@ -101,7 +101,8 @@ fn screen_at(seg: Segment, at_m: f32) -> f32 {
 
 // A pixel's height at a depth.
 fn footprint_at(walk: WalkUniforms, view_m: f32) -> f32 {
-    return 2.0 * view_m / (focal_lengths().y * walk.size_px.y);
+    let row = vec3(frame.camera_view_projection[0].y, frame.camera_view_projection[1].y, frame.camera_view_projection[2].y);
+    return 2.0 * view_m / (length(row) * walk.size_px.y);
 }
 
 // Whether a ray can hit a surface at a distance. Normals of glass point out of it. Other surfaces are hit from both sides, but for
@@ -213,16 +214,6 @@ fn hit(
     return Hit(distance_at(seg, (number - 0.5) / seg.steps), NO_SURFACE);
 }
 #else if TEST == 1
-// One of the four texels about a pixel that shows something.
-fn texel_nearby(walk: WalkUniforms, depths: texture_2d_array<f32>, pixel: vec2<f32>) -> vec2<i32> {
-    var shown = texel_at(walk, pixel);
-    for (var i = 0u; i < 4u; i++) {
-        let other = texel_at(walk, pixel - 0.5 + vec2(f32(i & 1u), f32(i >> 1u)));
-        shown = select(shown, other, textureLoad(depths, other, 0, 0).x < 1.0);
-    }
-    return shown;
-}
-
 fn hit(
     walk: WalkUniforms, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
 ) -> Hit {
@@ -230,10 +221,11 @@ fn hit(
     let from_m = distance_at(seg, (number - OVERLAP) / seg.steps);
     let to_m = distance_at(seg, (number + 1.0 + OVERLAP) / seg.steps);
     var shown = texel_at(walk, pixel);
-    // A plane that leaves the view within a pixel that shows nothing may show in another one about the place.
+    // A plane that leaves the view within a pixel that shows nothing may show in one of the other three about the place.
     let is_empty = textureLoad(depths, shown, 0, 0).x >= 1.0;
-    if is_empty {
-        shown = texel_nearby(walk, depths, pixel);
+    for (var i = 0u; i < 4u && is_empty; i++) {
+        let other = texel_at(walk, pixel - 0.5 + vec2(f32(i & 1u), f32(i >> 1u)));
+        shown = select(shown, other, textureLoad(depths, other, 0, 0).x < 1.0);
     }
     let uv = (vec2<f32>(shown) + 0.5) / walk.size_px;
     var first = NONE_HIT;
