@@ -72,12 +72,12 @@ fn joined_shards_give_the_reports_of_the_run() {
 /// A run that went on elsewhere has cells of two machines. A claim that speaks of both is not judged.
 #[test]
 fn no_verdict_rests_on_two_machines() {
-    let [header, _, cells @ .., end] = &reference_of("uw-photons")[..] else {
+    let [header, experiment, cells @ .., end] = &reference_of("uw-photons")[..] else {
         panic!("the run has no such experiment")
     };
     let summary = |hosts: [&str; 2]| {
         let place = Place::new();
-        let mut records = Vec::new();
+        let mut records = vec![experiment.clone()];
         for (number, host) in hosts.into_iter().enumerate() {
             let mut header = header.clone();
             header.try_as_run_mut().unwrap().conditions.host = Some(host.to_owned());
