@@ -499,21 +499,3 @@ pub struct End {
     /// It was interrupted before all cells were measured.
     pub interrupted: bool,
 }
-
-impl End {
-    /// The end of two processes that measured parts of one run.
-    #[must_use]
-    pub fn and(mut self, other: &End) -> Self {
-        for (part, seconds) in &other.set_up_parts_s {
-            *self.set_up_parts_s.entry(*part).or_default() += seconds;
-        }
-        Self {
-            measuring_wall_s: self.measuring_wall_s + other.measuring_wall_s,
-            measured_gpu_s: self.measured_gpu_s + other.measured_gpu_s,
-            set_up_s: self.set_up_s + other.set_up_s,
-            set_up_parts_s: self.set_up_parts_s,
-            peak_memory_bytes: self.peak_memory_bytes.max(other.peak_memory_bytes),
-            interrupted: self.interrupted || other.interrupted,
-        }
-    }
-}

@@ -94,10 +94,6 @@ impl OutputFolder {
         self.folder.join(RECORDS)
     }
 
-    pub fn pictures(&self) -> PathBuf {
-        self.folder.join(PICTURES)
-    }
-
     /// It holds something that was measured.
     fn is_occupied(&self) -> bool {
         let path = record::stored(&self.records());
