@@ -196,7 +196,7 @@ impl<'g> Rig<'g> {
     ) -> Result<wgpu::Texture, GpuError> {
         let texture = self.target("verify constant", size, format);
         let color = ColorTarget { view: &kit::view(&texture), clear: Some(color), slice: None };
-        self.run(&[&Cleared(Targets { color: &[color], depth: None })])?;
+        self.run(&[&ClearedTargets(Targets { color: &[color], depth: None })])?;
         Ok(texture)
     }
 
@@ -205,15 +205,15 @@ impl<'g> Rig<'g> {
         let texture = self.target("verify depth", size, kit::DEPTH_FORMAT);
         let (view, clear) = (&kit::view(&texture), Some(depth as f32));
         let depth = Some(DepthTarget { view, clear, read_only: false });
-        self.run(&[&Cleared(Targets { color: &[], depth })])?;
+        self.run(&[&ClearedTargets(Targets { color: &[], depth })])?;
         Ok(texture)
     }
 }
 
 /// Draws nothing on targets, which are cleared.
-struct Cleared<'a>(Targets<'a>);
+struct ClearedTargets<'a>(Targets<'a>);
 
-impl TimedStage for Cleared<'_> {
+impl TimedStage for ClearedTargets<'_> {
     fn name(&self) -> &'static str {
         "verify/clear"
     }

@@ -202,7 +202,7 @@ impl Recorder {
         &mut self,
         gpu: &Device,
         metering: &mut SubmissionMeter,
-        spans: &mut Vec<Span>,
+        spans: &mut Vec<PassSpan>,
     ) -> Result<(), DeviceError> {
         self.flush_host_writes(gpu)?;
         spans.clear();
@@ -216,7 +216,7 @@ impl Recorder {
             let index = gpu.queue.submit([commands]);
             gpu.wait_for(Some(index))?;
             let fence_ns = self.clock.now_ns();
-            spans.push(Span { metered_ns, submit_ns, fence_ns, passes, fenced });
+            spans.push(PassSpan { metered_ns, submit_ns, fence_ns, passes, fenced });
         }
         Ok(())
     }
@@ -264,7 +264,7 @@ impl HostTime {
 }
 
 /// When a segment ran, by the host clock.
-pub(super) struct Span {
+pub(super) struct PassSpan {
     /// From here to `submit_ns` the cost of a submission was measured. That time is not part of the frame.
     pub(super) metered_ns: f64,
     pub(super) submit_ns: f64,
@@ -273,7 +273,7 @@ pub(super) struct Span {
     pub(super) fenced: bool,
 }
 
-impl Span {
+impl PassSpan {
     pub(super) fn wall_ns(&self) -> f64 {
         self.fence_ns - self.submit_ns
     }

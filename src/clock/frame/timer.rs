@@ -5,7 +5,7 @@ use std::fmt;
 use super::encoder::SUBMISSION;
 use super::host_clock::{HostClock, thread_ns};
 use super::meter::{CostMeter, SubmissionCounts, SubmissionMeter};
-use super::scope::{FrameMode, HostTime, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
+use super::scope::{FrameMode, HostTime, PassSpan, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder};
 use crate::queries::{QueryResults, RESULT_BYTES};
 use crate::{Device, DeviceError, StageTime, TimedStage};
 use fathom_record::{Clock, ClockPlan, FaultKind, PassKind};
@@ -64,7 +64,7 @@ pub struct FrameTimer {
     pub(super) queries: Option<Queries>,
     pub(super) recorder: Recorder,
     pub(super) metering: SubmissionMeter,
-    spans: Vec<Span>,
+    spans: Vec<PassSpan>,
     /// Of the frame's timestamped passes, in order.
     ticks: Vec<Ticks>,
     /// Those of the frame before.
@@ -283,7 +283,7 @@ impl FrameTimer {
         *account.submissions[stage].entry(kind).or_default() += 1;
     }
 
-    fn add_timestamped(&self, account: &mut FrameSums<'_>, span: &Span) {
+    fn add_timestamped(&self, account: &mut FrameSums<'_>, span: &PassSpan) {
         let wall_ns = span.wall_ns();
         let mut last_end = None;
         for pass in &self.recorder.passes[span.passes.clone()] {

@@ -24,7 +24,7 @@ pub const SECTION: PageSection = PageSection {
 };
 
 /// A ratio of published frame rates and the measured one.
-struct Pair {
+struct PublishedPair {
     published: f64,
     measured: f64,
     /// Of the interval.
@@ -67,7 +67,7 @@ fn frame<'p>(section: &'p Section<'_>, published: &Published) -> Option<&'p Esti
 
 /// Each published frame rate over the latest one before it that differs in a single condition, such as the method. Bounds and
 /// ranges have no ratio.
-fn rate_pairs(section: &Section<'_>) -> Vec<Pair> {
+fn rate_pairs(section: &Section<'_>) -> Vec<PublishedPair> {
     let is_stated = |one: &MatchedCell<'_>| one.published.comparison == Relation::About;
     let stated: Vec<MatchedCell<'_>> = matched(section).into_iter().filter(is_stated).collect();
     let pair = |(place, one): (usize, &MatchedCell<'_>)| {
@@ -92,14 +92,14 @@ fn differing(one: &Published, other: &Published) -> usize {
     split(one, other)[0].len().max(split(other, one)[0].len())
 }
 
-fn ratio(experiment: &str, one: &MatchedCell<'_>, base: &MatchedCell<'_>) -> Pair {
+fn ratio(experiment: &str, one: &MatchedCell<'_>, base: &MatchedCell<'_>) -> PublishedPair {
     let ([low, high], [base_low, base_high]) = (one.frame.ends(), base.frame.ends());
     let [own, shared] = split(one.published, base.published);
     let [of_base, _] = split(base.published, one.published);
     let [own, of_base, shared] =
         [own, of_base, shared].map(|conditions| format_conditions(&conditions));
     let what = format!("{experiment}: frame rate of {own} over that of {of_base} ({shared})");
-    Pair {
+    PublishedPair {
         published: one.published.fps / base.published.fps,
         measured: base.frame.median / one.frame.median,
         ends: [base_low / high, base_high / low],
@@ -229,7 +229,7 @@ mod tests {
         let (trace, two_interface) = (all[0], all[1]);
         assert_eq!(pairs[0].published, two_interface.published.fps / trace.published.fps);
         assert_eq!(pairs[0].measured, trace.frame.median / two_interface.frame.median);
-        for Pair { ends: [low, high], measured, .. } in &pairs {
+        for PublishedPair { ends: [low, high], measured, .. } in &pairs {
             assert!(low <= measured && measured <= high);
         }
         // Bounds and ranges have no ratio.

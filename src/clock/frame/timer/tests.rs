@@ -66,7 +66,7 @@ impl ModelledGpu {
         let passes = 0..passes_ns.len();
         let fence_ns = self.now_ns;
         timer.spans =
-            vec![Span { metered_ns: submit_ns, submit_ns, fence_ns, passes, fenced: false }];
+            vec![PassSpan { metered_ns: submit_ns, submit_ns, fence_ns, passes, fenced: false }];
         timer.evaluate(&["a", "b", "c"][..passes_ns.len()])
     }
 
