@@ -207,11 +207,11 @@ fn first_crossing(
     }
     let size = vec2<f32>(textureDimensions(depth));
     let across_px = length(0.5 * size * (path.end.xy - path.begin.xy));
-    let max_steps = settings.search_turns - MIN_REFINED * settings.iterations;
+    let max_steps = settings.search_iterations - MIN_REFINED * settings.iterations;
     let steps = clamp(ceil(across_px / settings.step_px), 1.0, f32(max_steps));
     var earlier = point_at(path, depth, texels, 0.0);
     var before = earlier;
-    var iterations_left = settings.search_turns - u32(steps);
+    var iterations_left = settings.search_iterations - u32(steps);
     // Share of the path at which a photon out of the light's sight lands.
     var hidden_share = 1.0;
     // Whether it goes behind an edge from where the light sees nothing.

@@ -250,7 +250,7 @@ impl Gpu {
         let mask = options.mask.clone();
         let features = mask::apply(&mask, chosen.features());
         let limits = match &options.limits {
-            Some(most) => chosen.limits().or_worse_values_from(most),
+            Some(max) => chosen.limits().or_worse_values_from(max),
             None => chosen.limits(),
         };
         let adapter = record::Adapter { mask, ..describe(&chosen) };

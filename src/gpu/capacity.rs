@@ -147,7 +147,7 @@ fn available_bytes() -> Option<u64> {
     let number = |path: &str| std::fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
     let group = number("/sys/fs/cgroup/memory.max")
         .zip(number("/sys/fs/cgroup/memory.current"))
-        .map(|(most, current)| most.saturating_sub(current));
+        .map(|(max, current)| max.saturating_sub(current));
     Some(group.map_or(machine, |group| group.min(machine)))
 }
 

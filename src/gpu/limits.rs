@@ -88,8 +88,8 @@ impl Demand {
 
     /// A dispatch of this many workgroups in each dimension.
     pub fn dispatch(&mut self, what: &str, groups: [u64; 3]) -> &mut Self {
-        let most = groups.into_iter().max().unwrap_or(0);
-        self.need(limit!(max_compute_workgroups_per_dimension), what, most)
+        let max = groups.into_iter().max().unwrap_or(0);
+        self.need(limit!(max_compute_workgroups_per_dimension), what, max)
     }
 
     /// A render pass with this many colour targets, of so many bytes per sample together.

@@ -81,9 +81,9 @@ impl PipelineInstance for Hsao {
         let counts = march::count(gpu, shared, gbuffer, &self.uniforms, self.hard)?;
         let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
         let covered = counts.fragments as f64;
-        let most = self.uniforms.samples_per_pixel() as f64;
+        let max = self.uniforms.samples_per_pixel() as f64;
         Ok(to_map([
-            ("samples_per_pixel_most", most),
+            ("samples_per_pixel_most", max),
             ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
             ("covered_share", covered / pixels),
         ]))

@@ -272,17 +272,17 @@ impl Rates {
 
 /// A step through so many photons or pixels that leaves `most` of them to compare with a reference: odd, so that it meets every
 /// sub-photon of a cell and not always the same column.
-fn even_step(count: usize, most: usize) -> usize {
-    count.div_ceil(most).max(1) | 1
+fn even_step(count: usize, max: usize) -> usize {
+    count.div_ceil(max).max(1) | 1
 }
 
 /// The exact answers for an even selection of so many photons or pixels, each with its number; none where there is no answer.
 fn exact_answers<T: Send>(
     count: usize,
-    most: usize,
+    max: usize,
     exact: impl Fn(usize) -> Option<T> + Sync,
 ) -> Vec<(usize, T)> {
-    let chosen = (0..count).into_par_iter().step_by(even_step(count, most));
+    let chosen = (0..count).into_par_iter().step_by(even_step(count, max));
     chosen.filter_map(|number| Some((number, exact(number)?))).collect()
 }
 

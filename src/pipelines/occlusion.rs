@@ -139,19 +139,19 @@ impl OcclusionBuffers {
     fn points(
         &self,
         judge: &mut Judge<'_>,
-        most: usize,
+        max: usize,
         rays: u32,
     ) -> Result<(OcclusionQuery, JudgedPoints), JudgeError> {
         let question = self.question(judge.scene);
         let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
         let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
-        let content = judge.question("occlusion", &(&question, most, rays));
+        let content = judge.question("occlusion", &(&question, max, rays));
         let of_texels = |all: AnswerKey, one: &Pixels| all.with(bytemuck::cast_slice(&one.data));
         let content = [&depth, &normal].into_iter().fold(content, of_texels);
         let scene = judge.scene;
         let points = judge.references.kept_answer(content, |geometry| {
             let tracer = geometry.tracer(scene, &question.animation);
-            cast(&question, &tracer, &depth, &normal, most, rays)
+            cast(&question, &tracer, &depth, &normal, max, rays)
         });
         if points.is_empty() {
             return Err(JudgeError::Nothing);
@@ -294,7 +294,7 @@ fn cast(
     tracer: &Tracer,
     depth: &Pixels,
     normal: &Pixels,
-    most: usize,
+    max: usize,
     rays: u32,
 ) -> Vec<JudgedPoint> {
     let seen = |texel: &[u32; 2]| {
@@ -302,7 +302,7 @@ fn cast(
         depth.texel(x, y)[0] < 1.0
     };
     let all = lattice(question.buffer_px, 1.0).filter(seen).count();
-    let step = (all as f64 / most as f64).sqrt().max(1.0);
+    let step = (all as f64 / max as f64).sqrt().max(1.0);
     let texels: Vec<[u32; 2]> = lattice(question.buffer_px, step).filter(seen).collect();
     let [width, height] = question.size_px;
     let camera_rays = PixelRays::new(&question.camera, width, height);

@@ -48,7 +48,7 @@ impl Frustum {
 
     /// Whether a photon that ends out of view was found in view, behind that.
     pub fn is_leak(&self, found: &Photon, exact: DVec3) -> bool {
-        let way_m = |end: DVec3| end.distance(found.entry());
-        found.has_landed() && self.holds(found.hit()) && way_m(found.hit()) > way_m(exact)
+        let distance_m = |end: DVec3| end.distance(found.entry());
+        found.has_landed() && self.holds(found.hit()) && distance_m(found.hit()) > distance_m(exact)
     }
 }

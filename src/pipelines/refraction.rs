@@ -88,8 +88,8 @@ impl Parameters for Params {
         }
         let tiles = self.view.width.saturating_mul(self.view.height).div_ceil(ROWS);
         if self.refraction.uses_lines() && u64::from(tiles) > MAX_TILES {
-            let most = MAX_TILES * u64::from(ROWS);
-            return Err(ParamError::Unfit(format!("{VIEWPORT}: at most {most} pixels have lines")));
+            let max = MAX_TILES * u64::from(ROWS);
+            return Err(ParamError::Unfit(format!("{VIEWPORT}: at most {max} pixels have lines")));
         }
         if self.refraction.uses_lines() && count != 2 {
             return Err(ParamError::Unfit(format!(
@@ -182,10 +182,10 @@ impl PipelineInstance for ScreenRefraction {
         let over = surfaces.iter().filter(|count| **count > layers).count();
         let rate = ("layers_overflow_rate", share(over, surfaces.len()));
         let mut judged = Errors::new(stage.name, errors, [rate]);
-        if let Some(most) = surfaces.iter().max().filter(|most| **most > layers) {
+        if let Some(max) = surfaces.iter().max().filter(|max| **max > layers) {
             let of = surfaces.len();
             let text = format!(
-                "{over} of {of} pixels of glass have more surfaces than ldi.layers = {layers}: set it to {most}"
+                "{over} of {of} pixels of glass have more surfaces than ldi.layers = {layers}: set it to {max}"
             );
             judged.notes.push(Note::new(NoteKind::LayersFull, text));
         }

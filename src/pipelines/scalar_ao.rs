@@ -86,13 +86,13 @@ impl PipelineInstance for ScalarAo {
         let covered = || texels().filter(|[_, opacity, ..]| *opacity > 0.0);
         let covered_count = covered().count() as f64;
         let look_ups: f64 = texels().map(|[.., look_ups]| look_ups).sum();
-        let most = texels().fold(0.0, |most: f64, [.., look_ups]| most.max(look_ups));
+        let max = texels().fold(0.0, |max: f64, [.., look_ups]| max.max(look_ups));
         let visibility: f64 = covered().map(|[visibility, ..]| visibility).sum();
         let settings = &self.settings;
         let step_m = self.r_max_m / f64::from(settings.samples);
         let mut figures = vec![
             ("samples_per_pixel", look_ups / count),
-            ("samples_per_pixel_most", most),
+            ("samples_per_pixel_most", max),
             ("covered_share", covered_count / count),
             ("r_max_m", self.r_max_m),
             ("step_voxels", step_m / self.field.voxel_m),

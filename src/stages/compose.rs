@@ -75,11 +75,11 @@ pub fn new(
     let triangles = u64::from(quads) * 2;
     let work = Work { triangles, ..pass.work(texels, 4) };
     // Only the depth is read everywhere.
-    let least = Work { triangles, ..pass.work(1, 4) };
+    let min_work = Work { triangles, ..pass.work(1, 4) };
     let draw = move |pass: &mut wgpu::RenderPass<'_>| {
         kit::draw_fullscreen(pass);
         water.follow(pass);
         pass.draw(0..quads * 6, 0..1);
     };
-    Ok(pass.drawing(&INFO, work, draw).with_min_work(least).image())
+    Ok(pass.drawing(&INFO, work, draw).with_min_work(min_work).image())
 }

@@ -188,9 +188,9 @@ pub struct Shared {
     uniforms: Buffer,
     pub view: View,
     /// Turns of loops that a height of the water takes.
-    pub water_turns: u64,
+    pub water_iterations: u64,
     /// Turns of loops in which a photon of the light finds its entry into the water, at most.
-    pub entry_turns: u64,
+    pub entry_iterations: u64,
 }
 
 impl Shared {
@@ -201,8 +201,9 @@ impl Shared {
             group: Bindings::new(&[&uniforms, &texels]),
             uniforms,
             view: view.clone(),
-            water_turns: water_iterations(&view.water),
-            entry_turns: EntrySearch::new(&view.water).loop_bound(&view.water, &view.light_frame()),
+            water_iterations: water_iterations(&view.water),
+            entry_iterations: EntrySearch::new(&view.water)
+                .loop_bound(&view.water, &view.light_frame()),
         }
     }
 

@@ -61,8 +61,8 @@ pub(super) fn compute(gpu: &Gpu, code: KernelCode<'_>) -> Result<BenchKernel, Gp
         }
     };
     Ok(BenchKernel {
-        work_per_turn: f64::from(invocations) * f64::from(work),
-        max_turns: (MAX_ITERATIONS / (1 + inner_loops)) as u32,
+        work_per_iteration: f64::from(invocations) * f64::from(work),
+        max_iterations: (MAX_ITERATIONS / (1 + inner_loops)) as u32,
         frame_of: is_empty.then_some(PassKind::Compute),
         uniform: Some(uniform),
         output: KernelOutput::Words(results.raw()),
@@ -121,8 +121,8 @@ pub(super) fn clear(gpu: &Gpu, bytes: u64) -> BenchKernel {
         scope.copy(|encoder| (0..turns).for_each(|_| encoder.clear_buffer(&cleared, 0, None)));
     };
     BenchKernel {
-        work_per_turn: bytes as f64,
-        max_turns: MAX_TURNS,
+        work_per_iteration: bytes as f64,
+        max_iterations: MAX_TURNS,
         frame_of: None,
         uniform: None,
         output: KernelOutput::Cleared(buffer),

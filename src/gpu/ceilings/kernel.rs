@@ -33,9 +33,9 @@ type Encode = Box<dyn Fn(&mut StageScope<'_>, u32)>;
 /// Passes whose work is known.
 pub(super) struct BenchKernel {
     /// Work of a turn, in units of the limit.
-    pub work_per_turn: f64,
+    pub work_per_iteration: f64,
     /// Beyond so many turns the result is not exact, or a loop is too long.
-    pub max_turns: u32,
+    pub max_iterations: u32,
     /// Timed as a frame of many passes of this kind, less the cost of its submission; else as a stage's pass.
     pub frame_of: Option<PassKind>,
     /// Holds the number of turns.

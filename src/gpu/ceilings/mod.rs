@@ -67,10 +67,10 @@ pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
 pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuError> {
     let kernel = kernel_of(gpu, limit)?;
     let mut bench = TestBench::new(gpu, plan, &kernel)?;
-    let most = kernel.max_turns / 2;
-    let iterations = bench.calibrate(most)?;
+    let max = kernel.max_iterations / 2;
+    let iterations = bench.calibrate(max)?;
     let (iterations, ceiling) =
-        retry_until_sound(iterations, most, |iterations| bench.ceiling(limit, iterations))?;
+        retry_until_sound(iterations, max, |iterations| bench.ceiling(limit, iterations))?;
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
     kernel.check(gpu, 2 * iterations)?.map_err(wrong)?;
     Ok(ceiling)
@@ -103,7 +103,7 @@ fn kernel_of(gpu: &Gpu, limit: Limit) -> Result<BenchKernel, GpuError> {
 /// A sound measurement or the last of some, and its turns.
 fn retry_until_sound(
     mut turns: u32,
-    most: u32,
+    max: u32,
     mut measured: impl FnMut(u32) -> Result<Ceiling, GpuError>,
 ) -> Result<(u32, Ceiling), GpuError> {
     let mut ceiling = measured(turns)?;
@@ -112,7 +112,7 @@ fn retry_until_sound(
             break;
         }
         if ceiling.is_short() {
-            turns = turns.saturating_mul(RAISED).min(most).max(turns);
+            turns = turns.saturating_mul(RAISED).min(max).max(turns);
         }
         ceiling = measured(turns)?;
     }
@@ -154,7 +154,7 @@ impl<'a> TestBench<'a> {
     }
 
     /// Turns that take about as long as is wanted, but no more than `most`.
-    fn calibrate(&mut self, most: u32) -> Result<u32, GpuError> {
+    fn calibrate(&mut self, max: u32) -> Result<u32, GpuError> {
         const STEPS: usize = 24;
         const LARGEST_STEP: f64 = 16.0;
         let goal_ns = if self.gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
@@ -163,10 +163,10 @@ impl<'a> TestBench<'a> {
         self.time_ns(iterations)?;
         for _ in 0..STEPS {
             let short_by = (goal_ns / self.time_ns(iterations)?.max(0.0)).min(LARGEST_STEP);
-            if short_by < 1.5 || iterations >= most {
+            if short_by < 1.5 || iterations >= max {
                 break;
             }
-            iterations = ((f64::from(iterations) * short_by).ceil() as u32).min(most).max(1);
+            iterations = ((f64::from(iterations) * short_by).ceil() as u32).min(max).max(1);
         }
         Ok(iterations)
     }
@@ -180,7 +180,7 @@ impl<'a> TestBench<'a> {
             }
         }
         let [once, twice] = times_ns;
-        let work = f64::from(turns) * self.kernel.work_per_turn;
+        let work = f64::from(turns) * self.kernel.work_per_iteration;
         Ok(compute_ceiling(limit, work, &once, &twice))
     }
 }

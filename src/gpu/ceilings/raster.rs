@@ -33,8 +33,8 @@ pub(super) fn fill(
         if format == wgpu::TextureFormat::R8Unorm { (ones / 255.0).min(1.0) } else { ones }
     };
     Ok(BenchKernel {
-        work_per_turn: f64::from(edge).powi(2),
-        max_turns: MAX_TURNS,
+        work_per_iteration: f64::from(edge).powi(2),
+        max_iterations: MAX_TURNS,
         frame_of: None,
         uniform: None,
         output: KernelOutput::Texels(target),
@@ -57,8 +57,8 @@ pub(super) fn small_triangles(gpu: &Gpu) -> Result<BenchKernel, GpuError> {
         });
     };
     Ok(BenchKernel {
-        work_per_turn: f64::from(triangles),
-        max_turns: MAX_TURNS,
+        work_per_iteration: f64::from(triangles),
+        max_iterations: MAX_TURNS,
         frame_of: None,
         uniform: None,
         output: KernelOutput::Texels(target),

@@ -39,10 +39,10 @@ fn kernels_give_the_results_of_the_cpu_and_skipped_work_is_noticed() {
 }
 
 /// What is measured of passes that take this long, ns, and the numbers of turns that are tried.
-fn tried(most: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
+fn tried(max: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
     let mut tried = Vec::new();
     let limit = Limit::MultiplyAdds;
-    let (turns, ceiling) = retry_until_sound(10, most, |turns| {
+    let (turns, ceiling) = retry_until_sound(10, max, |turns| {
         tried.push(turns);
         // Three of seven rounds meet something else that runs.
         let round = |turns: u32| {

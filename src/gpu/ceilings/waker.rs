@@ -37,8 +37,8 @@ impl Waker {
         let plan = ClockPlan::fenced(SubmitCost::default());
         let mut bench = TestBench::new(gpu, plan, &kernel)?;
         if self.iterations == 0 {
-            let most = kernel.max_turns / REPEATED;
-            self.iterations = REPEATED * bench.calibrate(most)?;
+            let max = kernel.max_iterations / REPEATED;
+            self.iterations = REPEATED * bench.calibrate(max)?;
         }
         let start = Instant::now();
         let iterations = self.iterations;

@@ -16,10 +16,10 @@ fn question(scale: u32) -> OcclusionQuery {
     }
 }
 
-fn points(question: &OcclusionQuery, most: usize) -> Vec<JudgedPoint> {
+fn points(question: &OcclusionQuery, max: usize) -> Vec<JudgedPoint> {
     let tracer = Tracer::new(&corner());
     let [depth, normal] = gbuffer(&tracer, &question.camera, question.size_px);
-    cast(question, &tracer, &depth, &normal, most, 64)
+    cast(question, &tracer, &depth, &normal, max, 64)
 }
 
 /// A buffer of visibilities that holds what the reference says, and `darker` more occlusion.

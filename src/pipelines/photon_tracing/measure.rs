@@ -79,8 +79,8 @@ impl Tally {
         self.rates.count("photon_occluded_rate", [exact.occluder]);
         self.rates.count("photon_specular_rate", [exact.specular]);
         if exact.occluder {
-            let way_m = |end: DVec3| end.distance(found[0].entry());
-            let behind = |hit: &Photon| way_m(hit.hit()) > way_m(position) + wrong_m;
+            let distance_m = |end: DVec3| end.distance(found[0].entry());
+            let behind = |hit: &Photon| distance_m(hit.hit()) > distance_m(position) + wrong_m;
             self.rates.count(
                 "photon_passed_rate",
                 [found.iter().any(|hit| hit.has_landed() && behind(hit))],

@@ -68,11 +68,11 @@ impl ScalarAo {
 fn compared(
     pixels: &Pixels,
     view: &PixelRays,
-    most: f64,
+    max: f64,
     exact: impl Fn(ViewRay) -> Option<f64> + Sync,
 ) -> Vec<(f64, f64)> {
     let size = [pixels.width, pixels.height];
-    let step = (f64::from(size[0]) * f64::from(size[1]) / most).sqrt().max(1.0);
+    let step = (f64::from(size[0]) * f64::from(size[1]) / max).sqrt().max(1.0);
     let places: Vec<[u32; 2]> = lattice(size, step).collect();
     let found = places.into_par_iter().filter_map(|[x, y]| {
         let shown = pixels.texel(x, y);

@@ -64,7 +64,7 @@ impl GridSettings {
             step_px: self.step_px as f32,
             bottom_m: bottom_m(view) as f32,
             lookups: self.estimator.lookups(iterations, across_px, self.step_px),
-            search_turns: 0,
+            search_iterations: 0,
         }
     }
 
@@ -137,7 +137,7 @@ pub fn largest_contraction(view: &View) -> f64 {
 fn paper_iterations(view: &View, start_m: f64) -> u32 {
     let depth_m = -view.bounds.min.y;
     let n = view.water.refractive_index;
-    let [fewest, most] = PAPER_ITERATIONS;
+    let [fewest, max] = PAPER_ITERATIONS;
     let needed = |cosine: f64| {
         let factor = contraction(cosine, n);
         let fall = (1.0 - (1.0 - cosine * cosine).max(0.0) / (n * n)).max(0.0).sqrt();
@@ -146,7 +146,7 @@ fn paper_iterations(view: &View, start_m: f64) -> u32 {
         if factor < 1.0 { (reached_m / error_m).ln() / factor.ln() } else { f64::INFINITY }
     };
     let needed = cosines(&view.light_frame()).map(needed).fold(0.0, f64::max);
-    (needed.ceil() as u32).clamp(fewest, most)
+    (needed.ceil() as u32).clamp(fewest, max)
 }
 
 #[cfg(test)]

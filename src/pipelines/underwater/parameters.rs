@@ -277,8 +277,8 @@ impl Parameters for Params {
     fn check_consistent(&self) -> Result<(), ParamError> {
         self.caustics.consistent()?;
         self.godrays.consistent()?;
-        let (least, most) = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
-        check_range("caustics.point_size_max_px", most, least, 1024.0)
+        let (min, max) = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
+        check_range("caustics.point_size_max_px", max, min, 1024.0)
     }
 
     fn upscaled(&self, factor: u32) -> Option<Self> {

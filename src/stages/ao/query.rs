@@ -55,12 +55,12 @@ pub fn new(
         ..Work::default()
     };
     // Closed rays end.
-    let least = Work { texel_fetches: 0, ..work };
+    let min_work = Work { texel_fetches: 0, ..work };
     let open = "share of the cosine-weighted hemisphere that is open";
     let columns = vec![Column::new("visibility", "1", open)];
     let meaning = "1 − A at each point, in the order of the points";
     let rows = (&*visibility, 1, count as u32);
     let output = StageDump::rows("visibility", meaning, columns, rows, <[f32]>::to_vec);
-    let stage = Dispatch::stage(dispatches, &INFO, work).with_min_work(least);
+    let stage = Dispatch::stage(dispatches, &INFO, work).with_min_work(min_work);
     Ok(stage.dump(output).with_output(visibility))
 }

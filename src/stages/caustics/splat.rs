@@ -106,9 +106,9 @@ fn column(conserving: bool) -> Column {
 /// The steps of a fixed-point sum in a unit of intensity, where photons add `least` to `most` and rarely more or less. One that adds `most`
 /// adds 2²⁴ steps, as fine as the fraction of an f32. It adds up to 2⁴⁰ where one that adds `least` would else add less than 2¹²: the sum
 /// has room for 2²⁴ such photons.
-pub fn steps([least, most]: [f64; 2]) -> f32 {
+pub fn steps([min, max]: [f64; 2]) -> f32 {
     let power = |bits: i32| 2f64.powi(bits);
-    let steps = (power(24) / most).max((power(12) / least).min(power(40) / most));
+    let steps = (power(24) / max).max((power(12) / min).min(power(40) / max));
     steps.min(f32::MAX.into()) as f32
 }
 
@@ -204,7 +204,7 @@ pub fn scatter(
         ..Work::default()
     };
     // Splats may lie outside the picture, and no rasterizer draws them.
-    let least = Work { fragments: 0, bytes_written: pixels * PIXEL_BYTES, ..work };
-    let stage = Dispatch::stage(steps, &INFO, work).with_min_work(least).with_output(image);
+    let min_work = Work { fragments: 0, bytes_written: pixels * PIXEL_BYTES, ..work };
+    let stage = Dispatch::stage(steps, &INFO, work).with_min_work(min_work).with_output(image);
     Ok(summing(stage, column(style.conserving)))
 }

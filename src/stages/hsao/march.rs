@@ -70,8 +70,8 @@ pub fn new(
     // Samples at most: the depth and normal of each pixel, and those of its directions and rays.
     let work = pass.work(2 + settings.samples_per_pixel(), 2);
     // The background has no samples.
-    let least = pass.work(1, 2);
-    Ok(visible(pass.stage(&INFO, work).with_min_work(least), "visibility"))
+    let min_work = pass.work(1, 2);
+    Ok(visible(pass.stage(&INFO, work).with_min_work(min_work), "visibility"))
 }
 
 /// What a frame's marching takes, counted.

@@ -47,11 +47,11 @@ pub fn new(
         ..Work::default()
     };
     // Later layers may find the triangles in a cache.
-    let least = Work { bytes_read: triangles.bytes(), ..work };
+    let min_work = Work { bytes_read: triangles.bytes(), ..work };
     let stage = Stage::new(&INFO, work, move |scope| {
         for peel in &peels {
             peel.render(scope, |pass| triangles.draw(pass));
         }
     });
-    Ok(stage.with_min_work(least).dump(layers.output()).with_output(layers))
+    Ok(stage.with_min_work(min_work).dump(layers.output()).with_output(layers))
 }

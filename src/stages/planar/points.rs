@@ -46,9 +46,9 @@ pub fn new(
         ..Work::default()
     };
     // Photons may lie outside the map.
-    let least = Work { fragments: 0, bytes_written: 0, ..work };
+    let min_work = Work { fragments: 0, bytes_written: 0, ..work };
     let stage =
-        pass.drawing(&INFO, work, move |pass| pass.draw(0..points, 0..1)).with_min_work(least);
+        pass.drawing(&INFO, work, move |pass| pass.draw(0..points, 0..1)).with_min_work(min_work);
     let meaning = "faces side by side: the floor (row 0 at −z), then the walls at −x, +x, −z, +z (row 0 at the top)";
     let column = Column::new("irradiance", "W/m²", "what the photons bring to the texel");
     Ok(stage.dump_as("map", meaning, vec![column]))

@@ -32,7 +32,7 @@ pub fn new(
     let fragments = primitives * u64::from(rays.max_steps());
     let work = Work { primitives, fragments, bytes_written: fragments * 4, ..rays.work() };
     // Rays end early, and all turns write to the same target.
-    let least = Work { primitives, bytes_written: pass.pixels() * 4, ..Work::default() };
+    let min_work = Work { primitives, bytes_written: pass.pixels() * 4, ..Work::default() };
     let hits = pass.texture().clone();
     let stage = Stage::new(&INFO, work, move |scope| {
         let first = scope.iteration() % tiles * rows;
@@ -43,7 +43,7 @@ pub fn new(
         Column::new("distance_m", "m", "from the start of the ray; 1e30 where nothing is hit");
     let meaning = "hits of the last tile of photons: a photon a row, a step a column";
     // A turn for each tile of rows and each way.
-    let stage = stage.with_min_work(least).with_iterations(tiles * rays.walking.path_segments);
+    let stage = stage.with_min_work(min_work).with_iterations(tiles * rays.walking.path_segments);
     // Photons that end on a way are not traced on the next.
     let stage = stage.with_spent_inputs(rays.walking.path_segments > 1).with_output(hits);
     Ok(stage.dump_as("hits", meaning, vec![column]))

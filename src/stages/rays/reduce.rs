@@ -62,14 +62,15 @@ pub fn new(
         ..Work::default()
     };
     // A hit hides its right neighbour; all turns write to the same textures.
-    let least = Work { texel_fetches: work.texel_fetches / 2, bytes_written: texels * 4, ..work };
+    let min_work =
+        Work { texel_fetches: work.texel_fetches / 2, bytes_written: texels * 4, ..work };
     let stage = Stage::new(&INFO, work, move |scope| {
         let last = &lasts[scope.iteration() as usize % lasts.len()];
         scope.compute(|pass| halvings.iter().chain([last]).for_each(|step| step.run(pass)));
     });
     let output = screen_ray::output(&photons);
     let stage = stage
-        .with_min_work(least)
+        .with_min_work(min_work)
         .with_iterations(iterations)
         .with_spent_inputs(rays.walking.path_segments > 1);
     Ok(stage.dump(output).with_output(photons))

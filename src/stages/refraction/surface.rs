@@ -52,7 +52,7 @@ pub fn new(
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let size_px = dry.layers.size_px();
     // The height of the water at the place found, and a ray to either side.
-    let found = (REFINEMENTS + 3) * (2 + shared.water_turns);
+    let found = (REFINEMENTS + 3) * (2 + shared.water_iterations);
     let rest = found + 2 * walk_iterations(walk.max_steps, 1);
     let step = step_iterations(water);
     let searches = (MAX_ITERATIONS.saturating_sub(rest) / step).clamp(1, MAX_SEARCHES);
@@ -77,6 +77,6 @@ pub fn new(
     // At most: two rays a pixel, each as long as the picture.
     let work = pass.work(4 + 4 * u64::from(walk.max_steps), 4);
     // A ray may end at its first texel.
-    let least = pass.work(1, 4);
-    Ok(pass.stage(&INFO, work).with_min_work(least).image())
+    let min_work = pass.work(1, 4);
+    Ok(pass.stage(&INFO, work).with_min_work(min_work).image())
 }

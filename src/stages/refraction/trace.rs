@@ -53,10 +53,10 @@ pub fn new(
     let pass = DrawPass::new(resources, &spec, layers.size_px(), wgpu::Color::TRANSPARENT)?;
     let exits = Exits::from_pass(&pass);
     // At most: each ray as long as the picture.
-    let most = if lines.is_some() { layers.count() } else { walk.max_steps };
-    let steps = u64::from(refractions.saturating_sub(1)) * u64::from(most);
+    let max = if lines.is_some() { layers.count() } else { walk.max_steps };
+    let steps = u64::from(refractions.saturating_sub(1)) * u64::from(max);
     let work = pass.work(4 * steps + 2, 32);
     // A ray may end at its first texel.
-    let least = pass.work(1, 32);
-    Ok(pass.stage(&INFO, work).with_min_work(least).dumps(exits.outputs()).with_output(exits))
+    let min_work = pass.work(1, 32);
+    Ok(pass.stage(&INFO, work).with_min_work(min_work).dumps(exits.outputs()).with_output(exits))
 }

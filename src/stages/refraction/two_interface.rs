@@ -46,12 +46,12 @@ pub fn new(
         ..Work::default()
     };
     // Of the geometry only one part is drawn, and its bytes are read twice.
-    let least = Work { bytes_read: 0, ..work };
+    let min_work = Work { bytes_read: 0, ..work };
     let (exits, geometry) = (Exits::from_pass(&near), geometry.clone());
     let stage = Stage::new(&INFO, work, move |scope| {
         for side in [&far, &near] {
             side.render(scope, |pass| geometry.draw(pass, Objects::Glass));
         }
     });
-    Ok(stage.with_min_work(least).dumps(exits.outputs()).with_output(exits))
+    Ok(stage.with_min_work(min_work).dumps(exits.outputs()).with_output(exits))
 }

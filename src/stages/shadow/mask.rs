@@ -38,9 +38,9 @@ pub fn new(
         ..Work::default()
     };
     // Where there is no water, no depth is compared.
-    let least = Work { bytes_read: 0, ..work };
+    let min_work = Work { bytes_read: 0, ..work };
     let stage = pass.drawing(&INFO, work, move |pass| pass.draw(0..quads * 6, 0..1));
     let meaning = "1 where the light meets the water first; row 0 is ndc y = +1 of the light";
     let column = Column::new("water", "1", "1 water, 0 other");
-    Ok(stage.with_min_work(least).dump_as("mask", meaning, vec![column]))
+    Ok(stage.with_min_work(min_work).dump_as("mask", meaning, vec![column]))
 }

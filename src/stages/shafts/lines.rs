@@ -48,14 +48,14 @@ pub fn new(
         ..Work::default()
     };
     // Lines may lie outside the picture.
-    let least = Work { fragments: 0, bytes_written: 0, ..work };
+    let min_work = Work { fragments: 0, bytes_written: 0, ..work };
     let column = Column::new(
         "flux",
         "W",
         "flux of the photons whose lines cross the pixel, less what the medium took",
     );
     let stage =
-        pass.drawing(&INFO, work, move |pass| pass.draw(0..2, 0..count)).with_min_work(least);
+        pass.drawing(&INFO, work, move |pass| pass.draw(0..2, 0..count)).with_min_work(min_work);
     let stage = stage.dump_as("lines", "lines before the blur", vec![column.clone()]);
     let texture = stage.output.clone();
     Ok(stage.with_output(SplatSums { texture, column }))

@@ -49,8 +49,8 @@ pub fn new(
     let of_tap = if settings.normal_sigma < NO_NORMALS { 3 } else { 2 };
     let work = pass.work(6 + of_tap * u64::from(settings.taps), 2);
     // The background is not filtered.
-    let least = pass.work(1, 2);
-    Ok(visible(pass.stage(info, work).with_min_work(least), "filtered"))
+    let min_work = pass.work(1, 2);
+    Ok(visible(pass.stage(info, work).with_min_work(min_work), "filtered"))
 }
 
 /// The stage with its buffer of [`VISIBILITY_FORMAT`] as an output.

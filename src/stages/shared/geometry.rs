@@ -130,9 +130,9 @@ fn sizes(scene: &Scene) -> Vec<TriangleSize> {
         let size = |corners: &[u32]| {
             let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(positions[corners[i] as usize]));
             let sides = a.max(b).max(c) - a.min(b).min(c);
-            let [long, least] = [sides.max_element(), sides.min_element()];
+            let [long, min] = [sides.max_element(), sides.min_element()];
             let is_line = (b - a).cross(c - a).length() <= LINE * long * long;
-            TriangleSize { sides_m: [long, sides.element_sum() - long - least], is_line }
+            TriangleSize { sides_m: [long, sides.element_sum() - long - min], is_line }
         };
         object.mesh.indices.chunks_exact(3).map(size).collect::<Vec<_>>()
     };
@@ -283,12 +283,12 @@ pub fn scene_stage(
         ..Work::default()
     };
     // Other parts than the opaque one have some of the geometry's bytes.
-    let least = Work { bytes_read: 0, ..work };
+    let min_work = Work { bytes_read: 0, ..work };
     let (colors, geometry) = (pass.textures().to_vec(), geometry.clone());
     let encode = move |scope: &mut StageScope<'_>| {
         pass.render(scope, |pass| geometry.draw(pass, Objects::Opaque));
     };
-    Ok(Stage::new(info, work, encode).with_min_work(least).with_output((colors, depth)))
+    Ok(Stage::new(info, work, encode).with_min_work(min_work).with_output((colors, depth)))
 }
 
 #[cfg(test)]

@@ -17,13 +17,13 @@ pub(crate) fn stage(
     info: &'static StageInfo,
     groups: &[&Bindings],
     source: &SplatSums,
-    [texels, least]: [u64; 2],
+    [texels, min]: [u64; 2],
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let targets = [kit::opaque(source.texture.format())];
     let spec = RenderSpec::new(info.name, groups, &targets);
     let pass = DrawPass::new(resources, &spec, kit::size_px(&source.texture), wgpu::Color::BLACK)?;
-    let (work, least) = (pass.work(texels, 4), pass.work(least, 4));
+    let (work, min_work) = (pass.work(texels, 4), pass.work(min, 4));
     let meaning = "what the photons add up to, averaged over the low-pass's disc";
-    let stage = pass.stage(info, work).with_min_work(least);
+    let stage = pass.stage(info, work).with_min_work(min_work);
     Ok(stage.dump_as("filtered", meaning, vec![source.column.clone()]))
 }

@@ -249,7 +249,7 @@ shader_struct! {
         /// Places looked up for a photon, about; only the host asks.
         pub lookups: u32,
         /// Most turns of loops of a search: more than `FEWEST_REFINED` crossings take. [`tracing`] sets it.
-        pub search_turns: u32,
+        pub search_iterations: u32,
     }
 }
 
@@ -262,7 +262,7 @@ impl TraceUniforms {
     /// invocation has room for them.
     fn with_search(&self, shadow_px: u32, entry: u64) -> Self {
         if self.estimator == PhotonEstimator::Paper as u32 {
-            return Self { search_turns: self.iterations, ..self.clone() };
+            return Self { search_iterations: self.iterations, ..self.clone() };
         }
         let fewest = PhotonEstimator::Secant.min_iterations(self.iterations);
         let diagonal_px = f64::from(shadow_px) * std::f64::consts::SQRT_2;
@@ -270,13 +270,13 @@ impl TraceUniforms {
         let whole = steps.saturating_add((steps / 2).saturating_mul(self.iterations));
         let side = u64::from(self.side);
         let room = (MAX_ITERATIONS / (side * side)).saturating_sub(entry + 5);
-        let search_turns = fewest.max(whole.min(room as u32));
-        Self { search_turns, ..self.clone() }
+        let search_iterations = fewest.max(whole.min(room as u32));
+        Self { search_iterations, ..self.clone() }
     }
 
     /// Turns of loops of a cell at most, where a photon's entry into the water takes `entry`.
     fn loop_bound(&self, entry: u64) -> u64 {
-        let photon = entry + u64::from(self.search_turns) + 2;
+        let photon = entry + u64::from(self.search_iterations) + 2;
         let side = u64::from(self.side);
         (side * (side * photon + 2)).saturating_add(1)
     }
@@ -294,8 +294,8 @@ pub fn tracing(
     conserving: bool,
 ) -> Result<Stage<Photons>, GpuError> {
     let name = info.name;
-    let settings = &settings.with_search(depth.width(), shared.entry_turns);
-    let iterations = settings.loop_bound(shared.entry_turns);
+    let settings = &settings.with_search(depth.width(), shared.entry_iterations);
+    let iterations = settings.loop_bound(shared.entry_iterations);
     resources.iterations(&format!("{name}, subdivision × iterations"), iterations);
     let side = if dynamic { 0 } else { settings.side as i32 };
     let defs = [("SIDE", side), shared.water_def()];
@@ -314,13 +314,13 @@ pub fn tracing(
         ..Work::default()
     };
     // The search ends where a photon has landed.
-    let least = Work { texel_fetches: 0, ..work };
+    let min_work = Work { texel_fetches: 0, ..work };
     let energy = PhotonEnergy::new(&shared.view, conserving);
     let tolerance_m = settings.tolerance_m;
     let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
     let row = move |floats: &[f32]| row(floats, &energy, tolerance_m);
     let output = StageDump::rows("photons", "traced photons, cell by cell", columns(), rows, row);
-    let stage = Dispatch::stage([dispatch], info, work).with_min_work(least);
+    let stage = Dispatch::stage([dispatch], info, work).with_min_work(min_work);
     Ok(stage.dump(output).with_output(photons))
 }
 

@@ -65,13 +65,13 @@ impl<'a> Picture<'a> {
         info: &'static StageInfo,
         defs: &[(&str, i32)],
         own: &[&dyn Bind],
-        [texels, least]: [u64; 2],
+        [texels, min]: [u64; 2],
     ) -> Result<Stage<wgpu::Texture>, GpuError> {
         let groups = [&shared.group, &self.group(resources, info.name, own)];
         let targets = [kit::opaque(self.format)];
         let spec = RenderSpec::new((info.name, defs), &groups, &targets);
         let pass = DrawPass::new(resources, &spec, self.size_px(), wgpu::Color::BLACK)?;
-        let (work, least) = (pass.work(texels, 4), pass.work(least, 4));
-        Ok(pass.stage(info, work).with_min_work(least))
+        let (work, min_work) = (pass.work(texels, 4), pass.work(min, 4));
+        Ok(pass.stage(info, work).with_min_work(min_work))
     }
 }

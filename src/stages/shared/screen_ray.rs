@@ -194,8 +194,8 @@ const ROOM: f64 = 0.01;
 /// The same in pixels of a view as wide as the scene: a plane is found up to a pixel behind it.
 const ROOM_PX: f64 = 2.0;
 
-fn max_steps([width, height]: [u32; 2], least: u32) -> u32 {
-    (width.max(height) + 1).max(least)
+fn max_steps([width, height]: [u32; 2], min: u32) -> u32 {
+    (width.max(height) + 1).max(min)
 }
 
 /// Turns of loops of a ray at most: its steps, at each of which it is held against each layer of a pixel, or of one of four about an empty
@@ -205,12 +205,12 @@ pub fn walk_iterations(steps: u32, layers: u32) -> u64 {
 }
 
 /// Of rays through layers within a box, of so many steps at least.
-pub fn walk_uniforms(layers: &Layers, bounds: Bounds, least: u32) -> WalkUniforms {
-    WalkUniforms { layers: layers.count(), ..walk_without_layers(layers.size_px(), bounds, least) }
+pub fn walk_uniforms(layers: &Layers, bounds: Bounds, min: u32) -> WalkUniforms {
+    WalkUniforms { layers: layers.count(), ..walk_without_layers(layers.size_px(), bounds, min) }
 }
 
 /// The same over so many pixels.
-pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, least: u32) -> WalkUniforms {
+pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, min: u32) -> WalkUniforms {
     let [width, height] = size_px;
     let room = bounds.size().max_element() * ROOM.max(ROOM_PX / f64::from(width.min(height)));
     WalkUniforms {
@@ -221,8 +221,8 @@ pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, least: u32) -> Wal
         size_px: Vec2::new(width as f32, height as f32),
         layers: 0,
         photons: 0,
-        min_steps: least,
-        max_steps: max_steps(size_px, least),
+        min_steps: min,
+        max_steps: max_steps(size_px, min),
         rows: 0,
         max_hits: 1,
     }

@@ -13,10 +13,10 @@ shader_struct! {
 
 /// The slices of a loop of `count` turns, each of which takes so many turns with the loops within it.
 pub fn slices(count: u32, of_each: u64) -> Vec<Slice> {
-    let most = ((MAX_ITERATIONS - 1) / of_each.max(1)).max(1);
-    let most = u32::try_from(most).unwrap_or(u32::MAX);
-    let slice = |first: u32| Slice { first, end: count.min(first.saturating_add(most)) };
-    (0..count.max(1)).step_by(most as usize).map(slice).collect()
+    let max = ((MAX_ITERATIONS - 1) / of_each.max(1)).max(1);
+    let max = u32::try_from(max).unwrap_or(u32::MAX);
+    let slice = |first: u32| Slice { first, end: count.min(first.saturating_add(max)) };
+    (0..count.max(1)).step_by(max as usize).map(slice).collect()
 }
 
 /// Turns of an invocation in the longest of the slices.
@@ -52,7 +52,7 @@ mod tests {
         ("cells of a level", "voxel/mips"),
         ("pixels of a small triangle's box", "voxel/slicemap"),
         ("the cells of three edges, 12,288", "voxel/view"),
-        ("`Kernel::max_turns`", "ceilings/compute"),
+        ("`Kernel::max_iterations`", "ceilings/compute"),
         ("more turns than some adapters make, on purpose", "audit/loops"),
         ("loops that are linked and not called", "godrays/lines planar/points rays/reduce"),
         ("loops that are linked and not called", "shadow/compose shafts/lines transfer/shadow"),

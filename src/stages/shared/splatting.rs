@@ -83,14 +83,14 @@ pub(crate) fn new(
         ..Work::default()
     };
     // Splats may lie outside the picture.
-    let least = Work { fragments: 0, bytes_written: pixels * 4, ..work };
+    let min_work = Work { fragments: 0, bytes_written: pixels * 4, ..work };
     let quads = quads(resources, photons.count);
     let stage = pass.drawing(info, work, move |pass| {
         kit::draw_fullscreen(pass);
         raster.follow(pass);
         quads(pass);
     });
-    Ok(summing(stage.with_min_work(least), column))
+    Ok(summing(stage.with_min_work(min_work), column))
 }
 
 /// Draws a quad for each photon.

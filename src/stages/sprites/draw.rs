@@ -91,8 +91,8 @@ pub fn new(
         ..Work::default()
     };
     // Sprites may lie outside the picture.
-    let least = Work { fragments: 0, bytes_written: 0, ..work };
-    let stage = pass.drawing(&INFO, work, quads(resources, photons.count)).with_min_work(least);
+    let min_work = Work { fragments: 0, bytes_written: 0, ..work };
+    let stage = pass.drawing(&INFO, work, quads(resources, photons.count)).with_min_work(min_work);
     let meaning = "what the photons bring to the surface seen";
     Ok(stage.dump_as("irradiance", meaning, vec![Column::new("irradiance", "W/m²", meaning)]))
 }

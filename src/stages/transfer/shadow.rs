@@ -39,7 +39,7 @@ pub fn new(
     let bytes_written = rays * size_of::<Transfer>() as u64;
     let work = Work { texel_fetches: 2 * rays, bytes_written, ..Work::default() };
     // The background has no texels but its depth.
-    let least = Work { texel_fetches: rays, ..work };
-    let stage = Dispatch::stage([dispatch], &INFO, work).with_min_work(least);
+    let min_work = Work { texel_fetches: rays, ..work };
+    let stage = Dispatch::stage([dispatch], &INFO, work).with_min_work(min_work);
     Ok(stage.dump(transfers.output()).with_output(transfers))
 }

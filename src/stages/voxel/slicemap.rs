@@ -172,7 +172,7 @@ fn along(
     let work =
         Work { triangles: triangles(parts), bytes_read: geometry.bytes(), ..Work::default() };
     let drawn = draws.iter().map(|(.., large)| u64::from(count(large) / 3)).sum();
-    let least = Work { triangles: drawn, ..work };
+    let min_work = Work { triangles: drawn, ..work };
     let vertices = geometry.vertices.clone();
     let stage = Stage::new(info, work, move |scope| {
         if !dispatches.is_empty() {
@@ -191,7 +191,7 @@ fn along(
             }
         });
     });
-    Ok(stage.with_min_work(least).dumps(outputs(&slicemaps)).with_output(slicemaps))
+    Ok(stage.with_min_work(min_work).dumps(outputs(&slicemaps)).with_output(slicemaps))
 }
 
 fn outputs(slicemaps: &[Buffer]) -> Vec<StageDump> {

@@ -61,7 +61,7 @@ pub(super) fn new(
     let work =
         Work { triangles: triangles(parts), bytes_read: geometry.bytes(), ..Work::default() };
     // A compute pass: no rasterizer draws the triangles.
-    let least = Work { triangles: 0, ..work };
+    let min_work = Work { triangles: 0, ..work };
     let stage = Stage::new(info, work, move |scope| {
         scope.compute(|pass| {
             for step in 0..STEPS {
@@ -70,7 +70,7 @@ pub(super) fn new(
         });
     });
     let outputs = bit_volumes(parts.iter().map(|part| &part.voxels));
-    Ok(stage.with_min_work(least).dumps(outputs).with_output(Filled { cleared, alphas }))
+    Ok(stage.with_min_work(min_work).dumps(outputs).with_output(Filled { cleared, alphas }))
 }
 
 /// The queue, small triangles, large ones.

@@ -45,7 +45,7 @@ pub fn new(
         ..Work::default()
     };
     // Where there is no voxel, nothing is drawn.
-    let least = Work { fragments: 0, ..work };
+    let min_work = Work { fragments: 0, ..work };
     let stage = Stage::new(&INFO, work, move |scope| {
         canvas.render(scope, |pass| {
             for raster in &rasters {
@@ -54,7 +54,7 @@ pub fn new(
             }
         });
     });
-    let stage = stage.with_min_work(least).with_output(picture.clone());
+    let stage = stage.with_min_work(min_work).with_output(picture.clone());
     let columns = Column::display("display value");
     Ok(stage.dump_as("cubes", "the voxels as cubes", columns).with_output(Cubes { picture, depth }))
 }
