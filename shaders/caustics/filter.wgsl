@@ -22,7 +22,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         let tap = rotated_tap(pixel.xy, rotation, i, settings.taps, settings.radius_px);
         let texel = clamp(vec2<i32>(floor(tap)), vec2(0), last);
         let seen = depth_texel(depth, vec2<f32>(texel) + 0.5, own_px);
-        if abs(beyond_plane_m(plane, seen, textureLoad(depth, seen, 0))) <= max_off_m {
+        if abs(beyond_plane_m(plane, depth, seen)) <= max_off_m {
             sum += textureLoad(source, texel, 0).x;
             counted += 1.0;
         }

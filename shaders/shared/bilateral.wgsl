@@ -6,7 +6,7 @@
 #import fathom::disc::{GOLDEN_ANGLE}
 #import fathom::uniforms::{frame, view_depth_m}
 #import fathom::screen::{texel_behind}
-#import fathom::surface_plane::{beyond_plane_m, plane_at}
+#import fathom::surface_plane::{plane_at, plane_depth_m}
 
 const NO_NORMALS: f32 = 1000.0;
 // Below this sum of weights the tap nearest in depth is taken.
@@ -35,29 +35,26 @@ struct TiltedDisc {
     shrink: f32,
 }
 
-fn tilted_disc(slope: vec2<f32>, view_m: f32) -> TiltedDisc {
+fn tilted_disc(pixel_tangent: f32, slope: vec2<f32>, view_m: f32) -> TiltedDisc {
     let range = (frame.z_far_m - frame.z_near_m) / (frame.z_far_m * frame.z_near_m);
     // Metres of depth per metre across, ∂(view depth)/∂(device depth) = view_m² · range.
-    let tilt = slope * view_m * range / settings.pixel_tangent;
+    let tilt = slope * view_m * range / pixel_tangent;
     let steepness = length(tilt);
     return TiltedDisc(tilt / max(steepness, 1e-6), 1.0 - inverseSqrt(1.0 + steepness * steepness));
 }
 
-fn texel_seen(center: vec2<f32>) -> vec2<i32> {
-    return texel_behind(center, settings.source_px, settings.size_px);
-}
-
 // Visibility of the texel around a pixel that is nearest to it in depth, 1 where none shows a surface: what is as thin as a twig can lie
 // between the taps.
-fn nearest_around(middle: vec2<f32>, view_m: f32) -> f32 {
-    let reach = i32(min(ceil(settings.radius_px), MAX_REACH_PX));
+fn nearest_around(kernel: BilateralUniforms, middle: vec2<f32>, view_m: f32) -> f32 {
+    let reach = i32(min(ceil(kernel.radius_px), MAX_REACH_PX));
     let low = max(vec2<i32>(middle) - reach, vec2(0));
-    let high = min(vec2<i32>(middle) + reach, vec2<i32>(settings.source_px) - 1);
+    let high = min(vec2<i32>(middle) + reach, vec2<i32>(kernel.source_px) - 1);
     var nearest = 1.0;
     var nearest_m = TOO_FAR_M;
     for (var y = low.y; y <= high.y; y++) {
         for (var x = low.x; x <= high.x; x++) {
-            let tap_z = textureLoad(depth, texel_seen(vec2(f32(x), f32(y)) + 0.5), 0);
+            let seen = texel_behind(vec2(f32(x), f32(y)) + 0.5, kernel.source_px, kernel.size_px);
+            let tap_z = textureLoad(depth, seen, 0);
             let off_m = abs(view_depth_m(tap_z) - view_m);
             if tap_z < 1.0 && off_m < nearest_m {
                 nearest_m = off_m;
@@ -74,44 +71,46 @@ fn filtered(pixel: vec2<f32>) -> f32 {
     if textureLoad(depth, here, 0) >= 1.0 {
         return 1.0;
     }
+    // Read once: llvmpipe would read settings from storage again at every use.
+    let kernel = settings;
     let plane = plane_at(depth, here);
     let view_m = view_depth_m(plane.z);
-    let disc = tilted_disc(plane.slope, view_m);
+    let disc = tilted_disc(kernel.pixel_tangent, plane.slope, view_m);
     let normal = normalize(textureLoad(normals, here, 0).xyz);
-    let last = vec2<i32>(settings.source_px) - 1;
-    let middle = pixel * (settings.source_px / settings.size_px);
+    let last = vec2<i32>(kernel.source_px) - 1;
+    let middle = pixel * (kernel.source_px / kernel.size_px);
     var sum = 0.0;
     var weights = 0.0;
     var nearest = 1.0;
     var nearest_m = TOO_FAR_M;
-    for (var i = 0u; i < settings.taps; i++) {
-        var offset = settings.radius_px * disc_tap(i, settings.taps);
+    for (var i = 0u; i < kernel.taps; i++) {
+        var offset = kernel.radius_px * disc_tap(i, kernel.taps);
         offset -= disc.shrink * dot(offset, disc.uphill) * disc.uphill;
         let texel = clamp(vec2<i32>(floor(middle + offset)), vec2(0), last);
         let center = vec2<f32>(texel) + 0.5;
-        let seen = texel_seen(center);
+        let seen = texel_behind(center, kernel.source_px, kernel.size_px);
         let tap_z = textureLoad(depth, seen, 0);
         if tap_z >= 1.0 {
             continue;
         }
-        let off_m = abs(beyond_plane_m(plane, seen, tap_z));
+        let off_m = abs(view_depth_m(tap_z) - plane_depth_m(plane, seen));
         let value = textureLoad(source, texel, 0).x;
         if off_m < nearest_m {
             nearest_m = off_m;
             nearest = value;
         }
-        let across = (center - middle) / settings.sigma_px;
-        let along = off_m / (settings.depth_sigma * view_m);
+        let across = (center - middle) / kernel.sigma_px;
+        let along = off_m / (kernel.depth_sigma * view_m);
         var bend = vec3(0.0);
-        if settings.normal_sigma < NO_NORMALS {
-            bend = (normalize(textureLoad(normals, seen, 0).xyz) - normal) / settings.normal_sigma;
+        if kernel.normal_sigma < NO_NORMALS {
+            bend = (normalize(textureLoad(normals, seen, 0).xyz) - normal) / kernel.normal_sigma;
         }
         let weight = exp(-0.5 * (dot(across, across) + along * along + dot(bend, bend)));
         sum += weight * value;
         weights += weight;
     }
     if nearest_m == TOO_FAR_M {
-        return nearest_around(middle, view_m);
+        return nearest_around(kernel, middle, view_m);
     }
     return select(sum / weights, nearest, weights < MIN_WEIGHT);
 }

@@ -45,8 +45,13 @@ fn depth_texel(depth: texture_depth_2d, pixel: vec2<f32>, own_px: vec2<f32>) -> 
     return texel_behind(pixel, own_px, vec2<f32>(textureDimensions(depth)));
 }
 
-// Metres along the view from the plane to what another texel shows at the depth `z`; negative before the plane.
-fn beyond_plane_m(plane: SurfacePlane, texel: vec2<i32>, z: f32) -> f32 {
-    let plane_z = clamp(plane.z + dot(plane.slope, vec2<f32>(texel - plane.texel)), 0.0, 1.0);
-    return view_depth_m(z) - view_depth_m(plane_z);
+// View depth of the plane at another texel.
+fn plane_depth_m(plane: SurfacePlane, texel: vec2<i32>) -> f32 {
+    return view_depth_m(clamp(plane.z + dot(plane.slope, vec2<f32>(texel - plane.texel)), 0.0, 1.0));
+}
+
+// Metres along the view from the plane to what is seen at another texel; negative before the plane.
+fn beyond_plane_m(plane: SurfacePlane, depth: texture_depth_2d, texel: vec2<i32>) -> f32 {
+    let plane_m = plane_depth_m(plane, texel);
+    return view_depth_m(textureLoad(depth, texel, 0)) - plane_m;
 }
