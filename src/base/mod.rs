@@ -14,6 +14,7 @@ pub mod process;
 pub mod quiet;
 pub mod statistics;
 pub mod text;
+pub mod visits;
 
 /// How this program was built: cargo's profile, the compiler, its flags and for what.
 pub const BUILT_WITH: [(&str, &str); 5] = [

@@ -27,15 +27,15 @@ impl Interval {
     }
 }
 
-/// A median with its 95 % interval. The unit is that of the samples.
+/// A middle value with its 95 % interval. The unit is that of the samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
-    /// Of the samples, in their unit.
+    /// The exponential of the mean over visits of the logarithm, in the samples' unit; where visits are not told the median.
     pub median: f64,
-    /// None below six samples.
+    /// None below four visits, or six samples where visits are not told.
     #[serde(flatten)]
     pub interval: Option<Interval>,
-    /// Number of samples.
+    /// Number of visits; of samples where visits are not told.
     pub n: usize,
 }
 
@@ -74,6 +74,13 @@ pub const OUTLIER_Z: f64 = 3.5;
 /// Scales a median absolute deviation to the standard deviation of a normal distribution, `1 / Φ⁻¹(3/4)`.
 pub const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
 
+/// Standard deviation of what the samples are drawn from.
+pub fn deviation(samples: &[f64]) -> f64 {
+    let mean = mean(samples.iter().copied());
+    let squares: f64 = samples.iter().map(|x| (x - mean).powi(2)).sum();
+    (squares / (samples.len() as f64 - 1.0).max(1.0)).sqrt()
+}
+
 /// NaN for no values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
@@ -109,11 +116,6 @@ pub fn estimate(samples: &[f64]) -> Estimate {
     }
 }
 
-/// The median ratio of paired samples, `a / b`, with its interval.
-pub fn ratio_estimate(pairs: &[(f64, f64)]) -> Estimate {
-    estimate(&pairs.iter().map(|(a, b)| a / b).collect_vec())
-}
-
 /// The interval that misses the samples' true median with a chance of at most `alpha`; none where so few samples have none.
 pub fn median_interval(samples: &[f64], alpha: f64) -> Option<Interval> {
     interval_of_sorted(&sorted(samples), alpha)
@@ -139,12 +141,6 @@ fn lower_rank(n: usize, alpha: f64) -> Option<usize> {
         below += log_probability.exp();
     }
     (rank > 0).then_some(rank)
-}
-
-/// The least number of samples whose median has an interval at this level.
-pub fn min_samples(alpha: f64) -> usize {
-    // One sample on either side: 2 · 2⁻ⁿ ≤ alpha.
-    (2.0 / alpha).log2().ceil().max(1.0) as usize
 }
 
 /// How many samples lie far from the median, by the modified z-score of their distance.
@@ -252,38 +248,6 @@ fn kendall_variance(pairs: &[PairSlope]) -> f64 {
     pairs.len() as f64 + 2.0 / 3.0 * (agreeing - opposed.sum::<f64>())
 }
 
-/// Draws of [`resampled_interval`]: 25 lie beyond either end.
-const RESAMPLES: usize = 1000;
-
-/// The 95 % interval of a figure of medians: they are taken again and again of as many samples each, drawn with replacement, and the
-/// innermost 95 % of the figures counts (Efron, *Ann. Stat.* 7 (1979)). None below six samples, and where a draw has no figure.
-pub fn resampled_interval(
-    samples: &[Vec<f64>],
-    figure: impl Fn(&[f64]) -> Option<f64>,
-) -> Option<Interval> {
-    if samples.iter().any(|own| own.len() < min_samples(ALPHA)) {
-        return None;
-    }
-    let mut state = 0;
-    let mut drawn_median = |own: &Vec<f64>| {
-        let drawn = (0..own.len()).map(|_| own[split_mix(&mut state) as usize % own.len()]);
-        median(&drawn.collect_vec())
-    };
-    let figures =
-        (0..RESAMPLES).map(|_| figure(&samples.iter().map(&mut drawn_median).collect_vec()));
-    let figures = sorted(&figures.collect::<Option<Vec<f64>>>()?);
-    let beyond = (ALPHA / 2.0 * RESAMPLES as f64) as usize;
-    Some(Interval { low: figures[beyond], high: figures[RESAMPLES - 1 - beyond] })
-}
-
-/// A number of SplitMix64 (Steele, Lea and Flood, *OOPSLA* (2014)): the same draws each time.
-fn split_mix(state: &mut u64) -> u64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mixed = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    mixed ^ (mixed >> 31)
-}
-
 fn sorted(samples: &[f64]) -> Vec<f64> {
     samples.iter().copied().sorted_by(f64::total_cmp).collect()
 }
@@ -335,11 +299,9 @@ mod tests {
         assert_eq!(estimate(&[1.0; 5]).relative_half_width(), f64::INFINITY);
         let six = estimate(&[3.0, 1.0, 2.0, 5.0, 4.0, 6.0]);
         assert_eq!(six.interval, Some(Interval { low: 1.0, high: 6.0 }));
-        for alpha in [0.05, 0.01, 0.005, 0.0003] {
-            let min_n = min_samples(alpha);
+        for (alpha, min_n) in [(0.05, 6), (0.01, 8), (0.05 / 6.0, 8)] {
             assert_eq!((lower_rank(min_n - 1, alpha), lower_rank(min_n, alpha)), (None, Some(1)));
         }
-        assert_eq!([0.05, 0.01].map(min_samples), [6, 8]);
     }
 
     /// The sum of twelve uniform numbers, as good as normal.
@@ -384,39 +346,6 @@ mod tests {
         }
         let covered = covered(&mut random, 200, 50, 1.2 * truth);
         assert!(covered < 60, "a median 20 % off was covered {covered} times in 200");
-    }
-
-    /// Ratio of two medians, each of samples of its own, among heavy tails.
-    #[test]
-    fn a_resampled_interval_covers_the_truth_and_no_other() {
-        let mut random = Pcg64::seed_from_u64(4);
-        let mut covered = [0; 2];
-        for _ in 0..60 {
-            let both = [20, 20].map(|n| heavy_tailed(&mut random, n)).to_vec();
-            let found = resampled_interval(&both, |medians| Some(medians[0] / medians[1])).unwrap();
-            for (count, value) in covered.iter_mut().zip([1.0, 1.3]) {
-                *count += i32::from(found.low <= value && value <= found.high);
-            }
-        }
-        // Medians of few samples cover somewhat more than 95 %.
-        assert!(covered[0] >= 54 && covered[1] <= 20, "{covered:?} of 60");
-        assert_eq!(resampled_interval(&[vec![1.0; 5], vec![1.0; 9]], |_| Some(1.0)), None);
-        assert_eq!(resampled_interval(&[vec![1.0; 9]], |_| None), None);
-    }
-
-    #[test]
-    fn ratios_of_pairs_cancel_common_drift() {
-        let mut random = Pcg64::seed_from_u64(5);
-        let pairs: Vec<(f64, f64)> = (0..80)
-            .map(|i| {
-                let drift = 1.0 + 0.3 * (i as f64 / 10.0).sin();
-                let mut noise = || 1.0 + 0.02 * (random.random::<f64>() - 0.5);
-                (1.01 * drift * noise(), drift * noise())
-            })
-            .collect();
-        let ratio = ratio_estimate(&pairs);
-        assert!((ratio.median - 1.01).abs() < 0.004, "{ratio:?}");
-        assert!(ratio.relative_half_width() < 0.005, "{ratio:?}");
     }
 
     #[test]

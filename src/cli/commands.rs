@@ -62,7 +62,7 @@ pub fn shared_options(catalog: &Catalog, args: &MeasureArgs) -> anyhow::Result<R
         gpu,
         profile: args.profile,
         budget_s: args.budget.map(|budget| budget.as_secs_f64()),
-        precision: args.precision,
+        visits: args.visits,
         out: args.out.clone(),
         command: private::command(),
         ..RunOptions::default()

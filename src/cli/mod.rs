@@ -283,9 +283,9 @@ pub struct MeasureArgs {
     /// listed, with the command that measures them [default: at most 4 minutes quick, 30 paper]
     #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
     pub budget: Option<Duration>,
-    /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
-    #[arg(long, value_name = "SHARE")]
-    pub precision: Option<f64>,
+    /// Visits to each cell at most, 10 s apart; an interval takes 4 [default: as many as the budget has time for, 12 at most]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub visits: Option<u32>,
     /// Folder to write to [default: a new one in fathom-runs, in a checkout in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

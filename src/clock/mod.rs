@@ -25,7 +25,7 @@ pub use frame::{
 };
 pub use machine::MachineReader;
 pub use sampling::{
-    FramePair, MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, StopReason,
+    FramePair, MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples,
     WARM_UP_TOLERANCE, WarmUp, accounting_error, frame_record, sampling_notes, stage_record,
 };
-pub use session::{Frame, FrameClock, SampleTarget, TimedPass, features};
+pub use session::{Frame, FrameClock, TimedPass, features};

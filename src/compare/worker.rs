@@ -227,12 +227,7 @@ impl OpenDevice {
             ..Exact::default()
         };
         let mut known = ReferenceCache::default();
-        match pipeline.judge(&mut Judge {
-            gpu: &self.gpu,
-            scene,
-            references: &mut known,
-            requested: &[],
-        }) {
+        match pipeline.judge(&mut Judge::new(&self.gpu, scene, &mut known)) {
             Ok(judged) => {
                 exact.quantities.extend(judged.quantities);
                 exact.errors =

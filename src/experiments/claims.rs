@@ -9,12 +9,14 @@
 //!   comparisons (Bonferroni), because one of many misses more often than one alone.
 //! - *Near the bound*: the publication prints no number, so that the bound is our own, and some figure is too near to it: its
 //!   interval holds the bound, or it has none and lies within a tenth of the bound, and a quarter of a band with two.
-//! - *Inconclusive*: none of these. The reason names the number of samples that would settle it.
+//! - *Inconclusive*: none of these, or visits within less than a minute. The reason says what would settle it.
 //! - *Not run*: a figure is missing, or the sizes or the adapter do not allow the test.
 //!
-//! A run looks at its samples up to [`LOOKS`] times before it stops to sample (`harness::sample`), and each look may end the
-//! sampling. So each interval is taken at the level `ALPHA / LOOKS`: all looks together then miss as rarely as one look at
-//! 95 %. A claim whose figure lies exactly at a bound is thus supported with a chance of at most [`CHANCE`].
+//! A sampled figure's interval is over visits ([`fathom_base::visits`]). Claims are read once, when sampling has ended: no verdict steers it, so each
+//! interval is one of 95 %, and a claim whose figure lies exactly at a bound is supported with a chance of at most [`CHANCE`].
+//!
+//! Records that do not tell visits are judged by the rule of their time: intervals over samples, and at a sixth of the level, as a run
+//! looked at its samples up to six times and might stop at each.
 
 mod balance;
 mod comparisons;
@@ -36,16 +38,10 @@ pub use balance::SizeRatios;
 pub use evidence::{NO_VISIT, RuledFigure};
 pub use fits::{Scaling, scaling, thin_out};
 
-/// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
-pub const LOOKS: usize = 6;
-/// Chance that the interval of one comparison misses at one look.
-const ALPHA: f64 = statistics::ALPHA / LOOKS as f64;
-/// Chance with which a claim is supported whose figure lies exactly at a bound: one side of the intervals of all looks.
+/// Looks at the samples of a cell that runs took which told no visits.
+const EARLIER_LOOKS: f64 = 6.0;
+/// Chance with which a claim is supported whose figure lies exactly at a bound: one side of its interval.
 pub const CHANCE: f64 = statistics::ALPHA / 2.0;
-
-pub fn min_samples() -> usize {
-    statistics::min_samples(ALPHA)
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Display)]
 #[strum(serialize_all = "lowercase")]
@@ -99,7 +95,7 @@ pub struct Ruling {
     pub is_quick: bool,
     /// The figures that decided, with their intervals; why it was not run; or what would settle it.
     pub reason: String,
-    /// Smallest number of samples of a figure. None where all are exact or there is none.
+    /// Smallest number of visits of a figure. None where all are exact or there is none.
     pub n: Option<usize>,
     /// The figures that decided, the furthest outside its band or the nearest to its bound first. Empty where it was not run.
     pub deciding: Vec<RuledFigure>,
@@ -155,30 +151,11 @@ impl Experiment {
         self.claim.iter().map(|claim| self.rule(claim, cells, software)).collect()
     }
 
-    /// Which claims are settled by these cells, and which are open.
-    pub fn standing<'a>(&self, cells: &[&'a Cell], software: bool) -> ClaimProgress<'a> {
-        let mut standing = ClaimProgress::default();
-        for claim in &self.claim {
-            let ruling = self.rule(claim, cells, software);
-            match ruling.verdict {
-                verdict if verdict.is_settled() => standing.settled += 1,
-                verdict if verdict < Verdict::NotRun && ruling.n.is_some() => {
-                    let cells = claimed_cells(claim, cells).into_iter();
-                    standing.open.push(cells.map(|cell| cell.cell.as_str()).collect());
-                }
-                _ => {}
-            }
-        }
-        standing
+    /// How many claims these cells settle: support or contradict.
+    pub fn settled(&self, cells: &[&Cell], software: bool) -> usize {
+        let rulings = self.rulings(cells, software).into_iter();
+        rulings.filter(|ruling| ruling.verdict.is_settled()).count()
     }
-}
-
-#[derive(Debug, Default)]
-pub struct ClaimProgress<'a> {
-    /// Claims that are supported or contradicted.
-    pub settled: usize,
-    /// Of each claim that is open the names of the cells whose further samples could settle it.
-    pub open: Vec<Vec<&'a str>>,
 }
 
 pub fn claimed_cells<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {

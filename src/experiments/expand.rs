@@ -41,13 +41,11 @@ pub struct ReferencePlan {
     pub overrides: Vec<(String, Value)>,
 }
 
-/// The runs that tell a cell's noise from its bias: see [`Repetitions`](super::schema::Repetitions).
+/// The runs that tell a cell's noise: see [`Repetitions`](super::schema::Repetitions).
 #[derive(Clone, Debug, PartialEq)]
 pub struct RepetitionPlan {
     /// The cell's overrides, then the place of its photon grids: of each repetition.
     pub repeated: Vec<Vec<(String, Value)>>,
-    /// The cell's overrides, then those of the dense run.
-    pub limit: Vec<(String, Value)>,
 }
 
 /// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide.
@@ -276,7 +274,7 @@ impl Experiment {
             let axes = self.axis_values(sweep, profile, axis_overrides)?;
             sweeps.push(ChosenSweep { sweep, params, axes });
         }
-        self.check_size(&sweeps)?;
+        self.check_size(profile, &sweeps)?;
         let mut cells = IndexMap::new();
         for ChosenSweep { sweep, params, axes } in &sweeps {
             // Every combination of the axes' values; the last axis moves fastest.
@@ -350,9 +348,14 @@ impl Experiment {
     }
 
     /// Refuses more cells than are planned before one of them is made.
-    fn check_size(&self, sweeps: &[ChosenSweep<'_>]) -> Result<(), ExperimentError> {
-        let views = self.views.as_ref().map_or(0, |views| 1 + 2 * views.turns_deg.len());
-        let repeated = self.repetitions.as_ref().map_or(0, |own| 1 + u64::from(own.count));
+    fn check_size(
+        &self,
+        profile: Profile,
+        sweeps: &[ChosenSweep<'_>],
+    ) -> Result<(), ExperimentError> {
+        let turns = self.views.as_ref().map(|views| views.turns_deg.of(profile).len());
+        let views = turns.map_or(0, |turns| 1 + 2 * turns);
+        let repeated = self.repetitions.as_ref().map_or(0, |own| u64::from(*own.count.of(profile)));
         let each = 1 + u64::from(self.reference.is_some()) + views as u64 + repeated;
         let points = |sweep: &ChosenSweep<'_>| {
             sweep.axes.iter().fold(each, |n, (_, values)| n.saturating_mul(values.len() as u64))
@@ -419,10 +422,8 @@ impl Experiment {
         let at = |place: [f64; 2]| {
             with(own.vary.iter().map(|path| (path.clone(), json!(place))).collect())
         };
-        Some(RepetitionPlan {
-            repeated: places(own.count).into_iter().map(at).collect(),
-            limit: with(own.limit.profile.after(&own.limit.params, profile)),
-        })
+        let count = *own.count.of(profile);
+        Some(RepetitionPlan { repeated: places(count).into_iter().map(at).collect() })
     }
 
     fn reference_plan(&self, profile: Profile, cell: &[(String, Value)]) -> Option<ReferencePlan> {

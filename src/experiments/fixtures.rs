@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::{CellPlan, Experiment, StageName, parse_axis};
 use fathom_base::parameter::get;
-use fathom_base::statistics;
+use fathom_base::visits;
 use fathom_record::{
     Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Note,
     NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks, StageRecord,
@@ -256,7 +256,13 @@ fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
 }
 
 pub fn timed(stage: &str, clock: Clock, samples_ns: Vec<f64>, work: Work) -> StageRecord {
-    StageRecord { work, ..StageRecord::new(stage, clock, samples_ns) }
+    let visits = visits::numbers(&sampled_at_s(samples_ns.len()));
+    StageRecord { work, ..StageRecord::new(stage, clock, samples_ns, &visits) }
+}
+
+/// Of visits of three samples, 15 s apart.
+pub fn sampled_at_s(samples: usize) -> Vec<f64> {
+    (0..samples).map(|number| 1.7e9 + (15 * (number / 3) + number % 3) as f64).collect()
 }
 
 /// Root of the product of the cell's numbers on its axes.
@@ -268,16 +274,20 @@ fn size(plan: &CellPlan) -> f64 {
 fn frame(total_ns: f64, random: &mut Pcg64) -> FrameRecord {
     let mut samples = |median: f64| noisy(median, SAMPLES, random);
     let untimed_samples_ns = samples(total_ns * 1.01);
+    let sampled_at_s = sampled_at_s(SAMPLES);
+    let visits = visits::numbers(&sampled_at_s);
     FrameRecord {
         rounds: (0..SAMPLES as u32).collect(),
         machine: Vec::new(),
-        sampled_at_s: (0..SAMPLES).map(|round| 1.7e9 + round as f64).collect(),
+        pacer_ns: Vec::new(),
+        sampled_at_s,
         envelope_samples_ns: samples(total_ns * 1.012),
         gap_samples_ns: samples(total_ns * 0.012),
         accounting_error: 0.003,
-        untimed: statistics::estimate(&untimed_samples_ns),
+        untimed: visits::estimate_of_samples(&untimed_samples_ns, &visits),
         untimed_samples_ns,
-        timing_cost: statistics::estimate(&samples(1.004)),
+        timing_cost: visits::estimate_of_samples(&samples(1.004), &visits),
+        visits,
     }
 }
 

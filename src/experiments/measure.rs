@@ -2,10 +2,10 @@
 //!
 //! | text | meaning | unit |
 //! |---|---|---|
-//! | `stage:caustics/trace` | median time of a stage | ns |
-//! | `stage:voxel/` | median of the summed times of a family's stages | ns |
+//! | `stage:caustics/trace` | time of a stage | ns |
+//! | `stage:voxel/` | the summed times of a family's stages | ns |
 //! | `stage:ao/march\|hsao/march` | the same for those of the named ones that run | ns |
-//! | `frame` | median frame time without per-stage timing | ns |
+//! | `frame` | frame time without per-stage timing | ns |
 //! | `fps` | its reciprocal | frames per second |
 //! | `work:caustics/trace.photons` | declared work of a stage | count |
 //! | `param:caustics.grid` | a parameter; an array counts as the product of its elements | as the parameter |
@@ -27,8 +27,9 @@ use serde_json::{Map, Value};
 
 use crate::expand::flatten;
 use crate::words::{self, FigureUnit, Label};
-use fathom_base::statistics;
-use fathom_record::{Cell, Estimate, Interval, Measured, StageRecord, Work};
+use fathom_base::statistics::{self, ALPHA};
+use fathom_base::visits::{self, Scale};
+use fathom_record::{Cell, Estimate, FrameRecord, Interval, Measured, StageRecord, Work};
 
 /// A product of terms over another.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,27 +87,88 @@ pub enum Quantity {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoundSample {
-    /// The visit that it belongs to: cells that a claim compares are visited together, and their samples have one number.
+    /// Cells that a claim compares are visited together, and their samples have one number.
     pub round: u32,
+    /// A repetition is a visit of its own. None in records of before, where every sample counts alone.
+    pub visit: Option<u32>,
+    /// When it was taken, seconds; not a number of a repetition.
+    pub at_s: f64,
     pub value: f64,
 }
 
 impl Quantity {
-    fn from_rounds(rounds: &[u32], values: &[f64]) -> Quantity {
-        let samples = rounds.iter().zip(values);
-        Quantity::Sampled(samples.map(|(&round, &value)| RoundSample { round, value }).collect())
+    /// With a value of each frame.
+    pub fn from_frames(frame: &FrameRecord, values: &[f64]) -> Quantity {
+        let FrameRecord { rounds, visits, sampled_at_s, .. } = frame;
+        let sample = |(number, value): (usize, &f64)| {
+            Some(RoundSample {
+                round: *rounds.get(number)?,
+                visit: visits.get(number).copied(),
+                at_s: sampled_at_s.get(number).copied().unwrap_or(f64::NAN),
+                value: *value,
+            })
+        };
+        Quantity::Sampled(values.iter().enumerate().map_while(sample).collect())
     }
 
+    fn from_repetitions(values: &[f64]) -> Quantity {
+        let sample = |(number, value): (u32, &f64)| RoundSample {
+            round: number,
+            visit: Some(number),
+            at_s: f64::NAN,
+            value: *value,
+        };
+        Quantity::Sampled((0..).zip(values).map(sample).collect())
+    }
+
+    /// Of visits the exponential of the mean logarithm; of records of before the median.
     pub fn median(&self) -> f64 {
-        match self {
-            Quantity::Exact(value) => *value,
-            Quantity::Sampled(_) => statistics::median(&self.values()),
+        self.figure().median
+    }
+
+    /// Of a time, a ratio or an error, with its 95 % interval.
+    pub fn figure(&self) -> Estimate {
+        self.estimate(Scale::Factors, ALPHA)
+    }
+
+    /// Over visits, of records of before over samples. An exact figure has no interval.
+    pub fn estimate(&self, scale: Scale, alpha: f64) -> Estimate {
+        match (self, self.visits(scale)) {
+            (Quantity::Exact(value), _) => Estimate { median: *value, interval: None, n: 1 },
+            (Quantity::Sampled(samples), _) if samples.is_empty() => {
+                Estimate { median: f64::NAN, interval: None, n: 0 }
+            }
+            (_, Some(visits)) => visits::estimate(&visits, scale, alpha),
+            (_, None) => {
+                let values = self.values();
+                let interval = statistics::median_interval(&values, alpha);
+                Estimate { interval, ..statistics::estimate(&values) }
+            }
         }
     }
 
-    /// An exact figure is an estimate of one sample without an interval.
-    pub fn estimate(&self) -> Estimate {
-        statistics::estimate(&self.values())
+    /// One value of each visit; none where it has none, or where visits were not told.
+    pub fn visits(&self, scale: Scale) -> Option<Vec<f64>> {
+        let Quantity::Sampled(samples) = self else { return None };
+        let numbers: Option<Vec<u32>> = samples.iter().map(|sample| sample.visit).collect();
+        Some(visits::medians(&numbers?, &self.values(), scale))
+    }
+
+    /// A sample of each visit, and visits numbered from 0: cells that were visited apart are compared visit by visit. Of records of
+    /// before the samples in their order.
+    pub(crate) fn in_order_of_visits(&self) -> Quantity {
+        let Quantity::Sampled(samples) = self else { return self.clone() };
+        let (firsts, values) = match self.visits(Scale::Factors) {
+            Some(values) => (samples.iter().unique_by(|sample| sample.visit).collect(), values),
+            None => (samples.iter().collect_vec(), self.values()),
+        };
+        let of = |(round, (first, value)): (u32, (&&RoundSample, f64))| RoundSample {
+            round,
+            visit: first.visit.map(|_| round),
+            value,
+            ..**first
+        };
+        Quantity::Sampled((0..).zip(firsts.iter().zip(values)).map(of).collect())
     }
 
     pub fn values(&self) -> Vec<f64> {
@@ -116,15 +178,20 @@ impl Quantity {
         }
     }
 
-    /// Samples; none where the figure is exact.
+    /// Visits, in records of before samples; none where the figure is exact.
     pub fn n(&self) -> Option<usize> {
-        match self {
-            Quantity::Exact(_) => None,
-            Quantity::Sampled(samples) => Some(samples.len()),
-        }
+        let Quantity::Sampled(samples) = self else { return None };
+        Some(self.visits(Scale::Sums).map_or(samples.len(), |visits| visits.len()))
     }
 
-    /// Of the same visit in both, where both are sampled.
+    /// From the first sample to the last, seconds; none where that is not known.
+    pub fn span_s(&self) -> Option<f64> {
+        let Quantity::Sampled(samples) = self else { return None };
+        let (first, last) = samples.iter().map(|sample| sample.at_s).minmax().into_option()?;
+        Some(last - first).filter(|span_s| span_s.is_finite())
+    }
+
+    /// Of the same round in both, where both are sampled.
     pub fn with(&self, other: &Quantity, join: impl Fn(f64, f64) -> f64) -> Quantity {
         match (self, other) {
             (Quantity::Exact(a), Quantity::Exact(b)) => Quantity::Exact(join(*a, *b)),
@@ -133,10 +200,11 @@ impl Quantity {
             (Quantity::Sampled(a), Quantity::Sampled(b)) => {
                 // Of several samples of a round the last.
                 let b: Vec<_> = b.iter().copied().sorted_by_key(|s| s.round).collect();
-                let joined = a.iter().filter_map(|RoundSample { round, value }| {
-                    let last = b[..b.partition_point(|s| s.round <= *round)].last()?;
-                    let value = join(*value, last.value);
-                    (last.round == *round).then_some(RoundSample { round: *round, value })
+                let joined = a.iter().filter_map(|sample| {
+                    let last = b[..b.partition_point(|s| s.round <= sample.round)].last()?;
+                    let visit = last.visit.and(sample.visit);
+                    let value = join(sample.value, last.value);
+                    (last.round == sample.round).then_some(RoundSample { visit, value, ..*sample })
                 });
                 Quantity::Sampled(joined.collect())
             }
@@ -147,15 +215,13 @@ impl Quantity {
         match self {
             Quantity::Exact(value) => Quantity::Exact(change(*value)),
             Quantity::Sampled(samples) => {
-                let changed = samples.iter();
-                let changed =
-                    changed.map(|s| RoundSample { round: s.round, value: change(s.value) });
+                let changed = samples.iter().map(|s| RoundSample { value: change(s.value), ..*s });
                 Quantity::Sampled(changed.collect())
             }
         }
     }
 
-    /// Paired by visit: the two samples of a visit are one sample of the ratio.
+    /// Paired by round: the two samples of a round are one sample of the ratio.
     pub fn ratio_to(&self, other: &Quantity) -> Quantity {
         self.with(other, |a, b| a / b)
     }
@@ -359,7 +425,7 @@ impl Term {
         match self {
             Term::Stages(names) => stage_time(names, measured),
             Term::Frame if frame.untimed_samples_ns.is_empty() => None,
-            Term::Frame => Some(Quantity::from_rounds(&frame.rounds, &frame.untimed_samples_ns)),
+            Term::Frame => Some(Quantity::from_frames(frame, &frame.untimed_samples_ns)),
             Term::Fps => Some(Term::Frame.read(cell, measured)?.map(|ns| 1e9 / ns)),
             Term::Work(name, count) => {
                 let mut counts = stage(name)?.work.fields().into_iter();
@@ -377,10 +443,7 @@ impl Term {
 /// A repeated quantity has a value for each repetition; any other is exact.
 fn quantity(name: &str, measured: &Measured) -> Option<Quantity> {
     match measured.repeated.get(name) {
-        Some(values) => {
-            let repetitions: Vec<u32> = (0..values.len() as u32).collect();
-            Some(Quantity::from_rounds(&repetitions, values))
-        }
+        Some(values) => Some(Quantity::from_repetitions(values)),
         None => measured.figures().get(name).copied().map(Quantity::Exact),
     }
 }
@@ -390,17 +453,17 @@ fn quantity(name: &str, measured: &Measured) -> Option<Quantity> {
 fn stage_time(names: &[StageName], measured: &Measured) -> Option<Quantity> {
     let wanted = |stage: &&StageRecord| names.iter().any(|name| name.covers(&stage.stage));
     let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
-    let rounds = &measured.frame.rounds;
+    let frame = &measured.frame;
     if let [stage] = stages.as_slice() {
         let resolved = !stage.samples_ns.is_empty() && stage.is_resolved();
-        return resolved.then(|| Quantity::from_rounds(rounds, &stage.samples_ns));
+        return resolved.then(|| Quantity::from_frames(frame, &stage.samples_ns));
     }
     let differences: Vec<Vec<f64>> = stages.iter().map(|s| s.differences_ns()).collect();
     let frames = differences.iter().map(Vec::len).min().filter(|frames| *frames > 0)?;
     let resolution_ns = stages.iter().map(|s| s.resolution_ns().powi(2)).sum::<f64>().sqrt();
     let sum = |frame: usize| differences.iter().map(|ns| ns[frame]).sum::<f64>();
     let sums: Vec<f64> = (0..frames).map(|frame| sum(frame).max(resolution_ns)).collect();
-    let reading = Quantity::from_rounds(rounds, &sums);
+    let reading = Quantity::from_frames(frame, &sums);
     (reading.median() > resolution_ns).then_some(reading)
 }
 

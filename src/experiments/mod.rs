@@ -21,8 +21,8 @@ use fathom_base::input;
 use fathom_base::text::{did_you_mean, line};
 
 pub use claims::{
-    CHANCE, ClaimOrigin, ClaimProgress, LOOKS, NO_VISIT, RuledFigure, Ruling, Scaling, SizeRatios,
-    Verdict, claimed_cells, groups, min_samples, scaling, thin_out,
+    CHANCE, ClaimOrigin, NO_VISIT, RuledFigure, Ruling, Scaling, SizeRatios, Verdict,
+    claimed_cells, groups, scaling, thin_out,
 };
 pub use expand::{
     CellPlan, MAX_CELLS, ReferencePlan, RepetitionPlan, flatten, label_text, parse_axis, parse_set,

@@ -17,7 +17,7 @@ use serde_json::{Map, Value};
 use self::named::{Named, tables};
 use super::{ExperimentError, Measure};
 use fathom_base::text;
-use fathom_record::Cell;
+use fathom_record::{Cell, Profile};
 
 pub use claim::{Balance, Cause, Claim, Direction, FIXED_SHARE, RISING_SHARE, Ratio, Test};
 pub use plot::{Plot, PlotKind};
@@ -52,7 +52,8 @@ pub struct Experiment {
     pub reference: Option<Reference>,
     /// The same surface points seen from other places.
     pub views: Option<Views>,
-    /// The same frame with its photon grids moved: noise and bias apart.
+    /// The same frame with its photon grids moved: its noise.
+    #[serde(default, deserialize_with = "earlier::repetitions")]
     pub repetitions: Option<Repetitions>,
     /// Time that a cell of this experiment gets, as a multiple of the usual: less than 1 where errors count and times do not.
     #[serde(default = "one")]
@@ -173,34 +174,41 @@ pub struct Reference {
     pub profile: Profiles,
 }
 
-/// Fewest repetitions: an interval of 95 % for a median needs six, and what a claim rests on needs eight.
-const MIN_REPETITIONS: u32 = 8;
+/// Fewest repetitions: an interval takes four.
+const MIN_REPETITIONS: u32 = 4;
 const MAX_REPETITIONS: u32 = 100;
 
-/// Tells the noise of a result from its bias. The cell's frame is drawn several times with the photon grid at another place
-/// each time: how far the results are from their mean is noise. How far their mean is from a dense run of the same cell is bias.
+/// One value for both profiles, or one for each: `4`, `{ quick = 4, paper = 8 }`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum ByProfile<T> {
+    Each { quick: T, paper: T },
+    Both(T),
+}
+
+impl<T> ByProfile<T> {
+    pub fn of(&self, profile: Profile) -> &T {
+        match (self, profile) {
+            (Self::Both(value), _)
+            | (Self::Each { quick: value, .. }, Profile::Quick)
+            | (Self::Each { paper: value, .. }, Profile::Paper) => value,
+        }
+    }
+}
+
+/// Tells the noise of a result. The cell's frame is drawn several times with the photon grid at another place each time: how far the
+/// results are from their mean is noise.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Repetitions {
-    pub count: u32,
+    pub count: ByProfile<u32>,
     /// Parameters that are a place in the unit square, `[x, y]`. Each repetition takes another place, the same for all of them.
     pub vary: Vec<String>,
-    /// What makes the cell dense: its own settings are kept, so that a filtered cell has a filtered limit.
-    pub limit: DenseRun,
     /// What is compared.
     pub output: Vec<RepeatedOutput>,
 }
 
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DenseRun {
-    #[serde(default)]
-    pub params: Map<String, Value>,
-    #[serde(default)]
-    pub profile: Profiles,
-}
-
-/// An output whose noise and bias go into the record, both relative to its mean level.
+/// An output whose noise goes into the record, relative to its mean level.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RepeatedOutput {
@@ -208,24 +216,24 @@ pub struct RepeatedOutput {
     pub stages: Vec<String>,
     /// Name of the RMS difference of a repetition from the mean over the repetitions: a figure for each repetition.
     pub noise: String,
-    /// Name of the RMS difference of the mean over the repetitions from the dense run, without the noise of the mean.
-    pub bias: String,
 }
 
 impl Repetitions {
     fn check(&self) -> Result<(), String> {
-        if !(MIN_REPETITIONS..=MAX_REPETITIONS).contains(&self.count) {
+        let counts = Profile::ALL.map(|profile| *self.count.of(profile));
+        if let Some(count) =
+            counts.iter().find(|count| !(MIN_REPETITIONS..=MAX_REPETITIONS).contains(*count))
+        {
             return Err(format!(
-                "repetitions.count is {}: {MIN_REPETITIONS} to {MAX_REPETITIONS} are taken",
-                self.count
+                "repetitions.count is {count}: {MIN_REPETITIONS} to {MAX_REPETITIONS} are taken"
             ));
         }
         if self.vary.is_empty() || self.output.is_empty() {
             return Err("repetitions needs parameters to `vary` and an `output`".to_owned());
         }
-        let names = self.output.iter().flat_map(|output| [&output.noise, &output.bias]);
+        let mut names = self.output.iter().map(|output| &output.noise);
         let mut unique = HashSet::new();
-        match names.into_iter().find(|name| !unique.insert(name.as_str())) {
+        match names.find(|name| !unique.insert(name.as_str())) {
             Some(name) => Err(format!("repetitions names `{name}` twice")),
             None => Ok(()),
         }
@@ -245,7 +253,7 @@ pub struct Views {
     /// `_of_noise` behind the name: the two apart.
     pub quantity: String,
     /// Turns of the camera about the vertical through its target, degrees; the cell's own view is not named.
-    pub turns_deg: Vec<f64>,
+    pub turns_deg: ByProfile<Vec<f64>>,
 }
 
 /// Which measured cells leave a picture.
@@ -395,7 +403,8 @@ impl Experiment {
         if let Some(share) = self.knee_share.filter(|share| !(*share > 0.0 && *share < 1.0)) {
             return Err(format!("knee_share {share} must lie between 0 and 1"));
         }
-        if let Some(Views { turns_deg, .. }) = &self.views {
+        let views = self.views.iter();
+        for turns_deg in views.flat_map(|views| Profile::ALL.map(|of| views.turns_deg.of(of))) {
             let count = turns_deg.len();
             if count > MAX_TURNS {
                 return Err(format!(

@@ -155,7 +155,7 @@ fn repetitions_keep_the_cell_but_for_the_place_of_its_grids() {
     };
     let places = |cell: &CellPlan| {
         let runs = cell.repetitions.clone().unwrap();
-        assert_eq!(runs.repeated.len(), own.count as usize);
+        assert_eq!(runs.repeated.len(), *own.count.of(Profile::Quick) as usize);
         let place = |overrides: &Vec<(String, Value)>| {
             assert_eq!(without(overrides, &own.vary), without(&cell.overrides, &own.vary));
             let of = |name: &String| overrides.iter().find(|(path, _)| path == name).unwrap();
@@ -168,14 +168,6 @@ fn repetitions_keep_the_cell_but_for_the_place_of_its_grids() {
     let first = places(&cells[0]);
     assert!(first.iter().enumerate().all(|(i, place)| !first[..i].contains(place)));
     assert!(cells.iter().all(|cell| places(cell) == first));
-    for cell in &cells {
-        let filtered = |overrides: &[(String, Value)]| {
-            let all = overrides.iter().filter(|(path, _)| path.ends_with(".filter"));
-            all.cloned().collect::<Vec<_>>()
-        };
-        let limit = cell.repetitions.clone().unwrap().limit;
-        assert_eq!(filtered(&limit), filtered(&cell.overrides), "its own limit");
-    }
 }
 
 #[test]
@@ -248,8 +240,8 @@ fn broken_files_are_told_in_one_line() {
     let claim = |test: &str| format!("{swept}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.{test}");
     let cases = [
         ("title = \"x\"".to_owned(), "missing field"),
-        (filter.replace("count = 8", "count = 7"), "8 to 100"),
-        (filter.replace("caustics_bias", "caustics_noise"), "twice"),
+        (filter.replace("quick = 4", "quick = 3"), "4 to 100"),
+        (filter.replace("godrays_noise", "caustics_noise"), "twice"),
         (format!("{swept}{BARS}"), "needs one y, and either over or colors"),
         (swept.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
         (swept.replace("title =", "colour = 1\ntitle ="), "unknown field `colour`"),
@@ -297,9 +289,8 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
             for cell in experiment.cells(profile, &[], &[]).unwrap() {
                 let mut tree = tree(&cell);
                 let reference = cell.reference.map(|reference| reference.overrides);
-                let repetitions = cell.repetitions.into_iter();
-                let repetitions = repetitions.flat_map(|runs| [runs.repeated, vec![runs.limit]]);
-                let others = reference.into_iter().chain(repetitions.flatten()).flatten();
+                let repetitions = cell.repetitions.into_iter().flat_map(|runs| runs.repeated);
+                let others = reference.into_iter().chain(repetitions).flatten();
                 for (path, value) in others {
                     parameter::set(&mut tree, &path, value).unwrap();
                 }

@@ -272,7 +272,7 @@ impl Gpu {
         let caches = (Arc::clone(&pipelines), Arc::clone(&shaders));
         // A pipeline or a shader made in a scope that caught an error may be invalid.
         let mut watched = Device::new(&chosen, device, queue).with_fault_handler(move || {
-            caches.0.clear();
+            caches.0.keep(0);
             caches.1.lock().unwrap_or_else(PoisonError::into_inner).clear();
         });
         watched.unchecked = options.unchecked;

@@ -20,7 +20,7 @@ mod stage;
 
 pub use adapter::{AdapterEntry, Gpu, Options};
 pub use capacity::Capacity;
-pub use ceilings::{Waker, ceilings, limits, measure};
+pub use ceilings::{Pacer, Waker, ceilings, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
     Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, EncodeCost, FrameSample,
@@ -33,7 +33,7 @@ pub use inventory;
 pub use layout::{Binding, BindingKind};
 pub use limits::Demand;
 pub use loops::{MAX_ITERATIONS, describe_loop_turns, measure_loop_turns};
-pub use pipelines::{CodeKey, MadePipelines};
+pub use pipelines::CodeKey;
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, default_defs, link, shader_paths, text};
 pub use stage::{Column, OutputData, ReadRow, Stage, StageDump, StageInfo, stages_before};

@@ -1,10 +1,11 @@
 //! Pipelines of a device, kept by everything that they are compiled from. Most cells of an experiment differ in sizes only and
 //! share all of theirs, and the driver's compiled code with them.
 
+use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::hash::Hash;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
 
 use super::Gpu;
 
@@ -46,71 +47,51 @@ impl CodeKey {
 /// The layout of a bind group.
 pub type GroupKey = Vec<wgpu::BindGroupLayoutEntry>;
 
-/// How many pipelines were made, and what this took.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct MadePipelines {
-    pub count: u32,
-    pub ns: f64,
-}
-
 /// The pipelines of a device that were made up to now.
 #[derive(Default)]
 pub(super) struct Pipelines {
-    created: Mutex<MadePipelines>,
-    kernels: Mutex<HashMap<KernelKey, wgpu::ComputePipeline>>,
-    rasters: Mutex<HashMap<RasterKey, wgpu::RenderPipeline>>,
+    kernels: Known<KernelKey, wgpu::ComputePipeline>,
+    rasters: Known<RasterKey, wgpu::RenderPipeline>,
+    /// Counts uses.
+    uses: AtomicU64,
 }
 
-type PipelineMaps =
-    (HashMap<KernelKey, wgpu::ComputePipeline>, HashMap<RasterKey, wgpu::RenderPipeline>);
+/// Each with the number of its latest use.
+type Known<K, P> = Mutex<HashMap<K, (P, u64)>>;
+
+/// Pipelines that are kept on a software driver, whose compiled code is the process's own memory: up to 20 MiB for a shader with
+/// unrolled loops, 512 MiB for all of these.
+const SOFTWARE_PIPELINES: usize = 96;
 
 impl Pipelines {
-    fn time_creation<P>(&self, make: impl FnOnce() -> P) -> P {
-        let start = Instant::now();
-        let pipeline = make();
-        let mut made = self.created.lock().unwrap_or_else(PoisonError::into_inner);
-        made.count += 1;
-        made.ns += start.elapsed().as_secs_f64() * 1e9;
-        pipeline
-    }
-
-    pub(super) fn clear(&self) {
-        drop(self.take());
-    }
-
-    fn take(&self) -> PipelineMaps {
+    /// Gives back all but so many, those that were used last.
+    pub(super) fn keep(&self, most: usize) {
         let mut kernels = self.kernels.lock().unwrap_or_else(PoisonError::into_inner);
         let mut rasters = self.rasters.lock().unwrap_or_else(PoisonError::into_inner);
-        (std::mem::take(&mut *kernels), std::mem::take(&mut *rasters))
+        let mut uses: Vec<u64> =
+            kernels.values().map(|of| of.1).chain(rasters.values().map(|of| of.1)).collect();
+        uses.sort_unstable_by_key(|used| Reverse(*used));
+        let Some(last) = uses.get(most) else { return };
+        kernels.retain(|_, (_, used)| *used > *last);
+        rasters.retain(|_, (_, used)| *used > *last);
     }
 
-    fn restore(&self, (kernels, rasters): PipelineMaps) {
-        *self.kernels.lock().unwrap_or_else(PoisonError::into_inner) = kernels;
-        *self.rasters.lock().unwrap_or_else(PoisonError::into_inner) = rasters;
+    fn next_use(&self) -> u64 {
+        self.uses.fetch_add(1, Relaxed)
     }
 }
 
 impl Gpu {
     /// Gives back pipelines that nothing uses any more, and the driver's compiled code with them.
     pub fn drop_pipelines(&self) {
-        self.pipelines.clear();
+        self.pipelines.keep(0);
     }
 
-    /// What making pipelines took within `f`.
-    pub fn time_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
-        let made = || *self.pipelines.created.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = made();
-        let result = f();
-        let after = made();
-        (result, MadePipelines { count: after.count - before.count, ns: after.ns - before.ns })
-    }
-
-    /// The same where `f` finds no pipeline that was made before.
-    pub fn time_all_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
-        let known = self.pipelines.take();
-        let made = self.time_pipelines(f);
-        self.pipelines.restore(known);
-        made
+    /// On a software driver gives back those that were not used for longest, and the driver's compiled code with them.
+    pub fn keep_pipelines(&self) {
+        if self.adapter.software {
+            self.pipelines.keep(SOFTWARE_PIPELINES);
+        }
     }
 
     /// The pipeline of this key, made where there is none yet.
@@ -119,7 +100,7 @@ impl Gpu {
         key: KernelKey,
         make: impl FnOnce() -> wgpu::ComputePipeline,
     ) -> wgpu::ComputePipeline {
-        get_or_create(&self.pipelines.kernels, key, || self.pipelines.time_creation(make))
+        get_or_create(&self.pipelines.kernels, self.pipelines.next_use(), key, make)
     }
 
     /// The pipeline of this key, made where there is none yet.
@@ -128,15 +109,18 @@ impl Gpu {
         key: RasterKey,
         make: impl FnOnce() -> wgpu::RenderPipeline,
     ) -> wgpu::RenderPipeline {
-        get_or_create(&self.pipelines.rasters, key, || self.pipelines.time_creation(make))
+        get_or_create(&self.pipelines.rasters, self.pipelines.next_use(), key, make)
     }
 }
 
 fn get_or_create<K: Eq + Hash, P: Clone>(
-    known: &Mutex<HashMap<K, P>>,
+    known: &Known<K, P>,
+    number: u64,
     key: K,
     make: impl FnOnce() -> P,
 ) -> P {
     let mut known = known.lock().unwrap_or_else(PoisonError::into_inner);
-    known.entry(key).or_insert_with(make).clone()
+    let (pipeline, used) = known.entry(key).or_insert_with(|| (make(), 0));
+    *used = number;
+    pipeline.clone()
 }

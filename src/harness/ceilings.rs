@@ -135,7 +135,7 @@ mod tests {
     /// The share of a stage of 1 ms, or the error, where the ceiling is measured as `rates` one after the other.
     fn added(texel_fetches: u64, rates: [f64; 2]) -> Result<f64, String> {
         let work = Work { texel_fetches, ..Work::default() };
-        let stage = StageRecord::new("caustics/trace", Clock::Timestamp, vec![1e6; 8]);
+        let stage = StageRecord::new("caustics/trace", Clock::Timestamp, vec![1e6; 8], &[]);
         let stage = StageRecord { time: estimate(1e6), work, ..stage };
         let mut measured = Measured { stages: vec![stage], ..Measured::default() };
         add_shares(&mut measured, &mut [ceiling(rates[0])], |_| Ok(ceiling(rates[1])))?;

@@ -12,26 +12,27 @@ use itertools::Itertools as _;
 use super::difference::References;
 use super::outcome::{CellFindings, build_record};
 use super::plan::{PlannedCell, PlannedExperiment};
-use super::repetitions::{self, NoiseAndBias};
+use super::repetitions;
 use super::reports::RunOutput;
 use super::sample::{self, CostForecast, Executor, Failure};
 use super::schedule::{CellState, Schedule};
 use super::{MAX_PASSES, host, picture, views};
 use fathom_base::folder::Dir;
 use fathom_base::print;
-use fathom_clock::{Samples, StopReason};
+use fathom_clock::Samples;
 use fathom_experiments::CellPlan;
 use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
 use fathom_gpu::{
     ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, HostClock, MachineReader,
-    MadePipelines, Stage, StageCounters, Waker,
+    Pacer, Stage, StageCounters, Waker,
 };
+use fathom_pipelines as pipelines;
 use fathom_pipelines::{AnyPipeline, Judge, ReferenceCache};
 use fathom_record::output::picture_path;
 use fathom_record::{
     Begun, Ceiling, Cell, Earlier, MachineState, Measured, Note, NoteKind, Outcome, Picture,
-    PictureKind, PictureScale, Record, RecordError, Run, SetUp,
+    PictureKind, PictureScale, Profile, Record, RecordError, Run, SetUp,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -47,12 +48,12 @@ pub struct Session {
     timer: FrameTimer,
     machine: Option<MachineReader>,
     waker: Waker,
+    pacer: Pacer,
     references: References,
     cache: ReferenceCache,
     reopened: bool,
-    /// By pipeline: the first cell that was built, which tells its CPU costs, as the numbers of its experiment and its own; and what
-    /// making its pipelines took then.
-    hosts: BTreeMap<String, ((usize, usize), MadePipelines)>,
+    /// By pipeline: the first cell that was built, which tells its CPU costs, as the numbers of its experiment and its own.
+    hosts: BTreeMap<String, (usize, usize)>,
     pub times: RunTimes,
 }
 
@@ -78,7 +79,7 @@ impl Session {
     pub fn new(
         gpu: Gpu,
         options: gpu::Options,
-        plan: ClockPlan,
+        (plan, pacer): (ClockPlan, Pacer),
         ceilings: Vec<Ceiling>,
         times: RunTimes,
     ) -> Result<Self, GpuError> {
@@ -86,6 +87,7 @@ impl Session {
         Ok(Self {
             machine: MachineReader::open(&gpu.adapter),
             waker: Waker::default(),
+            pacer,
             gpu,
             options,
             plan,
@@ -107,6 +109,7 @@ impl Session {
         self.gpu = Gpu::open(&self.options).map_err(|error| error.to_string())?;
         let timer = FrameTimer::new(&self.gpu, self.plan, MAX_PASSES);
         self.timer = timer.map_err(|error| error.to_string())?;
+        self.pacer = Pacer::new(&self.gpu, self.plan).map_err(|error| error.to_string())?;
         Ok(())
     }
 }
@@ -257,12 +260,11 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         self.pictures(cell, pipeline, &mut findings);
         let start = self.session.times.since(start, SetUp::Pictures);
         let is_late = self.now_s() >= self.output.deadline_s();
-        let PlannedCell { plan, subject, .. } = &self.cells[cell];
+        let plan = &self.cells[cell].plan;
         let Session { gpu, timer, hosts, times, .. } = &mut *self.session;
-        let first = hosts.get(&plan.pipeline).filter(|(first, _)| *first == (self.number, cell));
         // A resumed run measures it with the first cell whose figures it reads.
-        if let Some((_, made)) = first.filter(|_| !is_late) {
-            let costs = host::costs(gpu, timer, subject, pipeline, *made, &built.submits_ns);
+        if !is_late && hosts.get(&plan.pipeline) == Some(&(self.number, cell)) {
+            let costs = host::costs(gpu, timer, pipeline, &built.submits_ns);
             let failure = "what it costs the CPU not measured";
             findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
         }
@@ -273,7 +275,12 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     fn judge(&mut self, cell: usize) -> Judge<'_> {
         let Session { gpu, cache, .. } = &mut *self.session;
         let requested = &self.quantities;
-        Judge { gpu, scene: &self.cells[cell].subject.scene, references: cache, requested }
+        let max_points = match self.output.header.profile {
+            Profile::Quick => pipelines::MAX_POINTS_QUICK,
+            Profile::Paper => pipelines::MAX_POINTS,
+        };
+        let judge = Judge::new(gpu, &self.cells[cell].subject.scene, cache);
+        Judge { requested, max_points, ..judge }
     }
 
     /// How views of the cell differ, where that is asked.
@@ -300,22 +307,10 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         }
         if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
             let own = &self.cells[cell].subject;
-            let found = repetitions::noise_and_bias(
-                gpu,
-                timer,
-                references,
-                own,
-                pipeline,
-                planned,
-                &asked.output,
-            );
-            let found = findings.noted(NoteKind::NotComputed, "noise and bias not computed", found);
-            let Some(NoiseAndBias { noise, bias }) = found else { return };
-            let bias = findings.noted(NoteKind::NotComputed, "bias not computed", bias);
-            let names = || asked.output.iter();
-            findings.repeated.extend(names().map(|output| output.noise.clone()).zip(noise));
-            let biases = names().map(|output| output.bias.clone()).zip(bias.into_iter().flatten());
-            findings.quantities.extend(biases);
+            let found = repetitions::noise(gpu, timer, own, pipeline, planned, &asked.output);
+            let noise = findings.noted(NoteKind::NotComputed, "noise not computed", found);
+            let names = asked.output.iter().map(|output| output.noise.clone());
+            findings.repeated.extend(names.zip(noise.into_iter().flatten()));
         }
     }
 
@@ -357,12 +352,10 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let start = Instant::now();
         let known = self.progress.findings.get(&cell).cloned();
         let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, &built)));
-        let counted = self.count(cell, &built.pipeline);
         if let Some(reason) = self.session.gpu.loss_reason() {
             // A later attempt may find what could not be found then.
             return Err(sample::device_lost(&reason));
         }
-        counted.map_err(|error| error.to_string())?;
         if is_new {
             self.state(cell).costs.finish_s = Some(start.elapsed().as_secs_f64());
             self.progress.findings.insert(cell, found.clone());
@@ -375,7 +368,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         Ok(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
     }
 
-    /// Counts what its frame does, once. That may take longer than a frame, so of a new cell it comes after its samples.
+    /// Counts what its frame does, once: the first frame of its warm-up.
     fn count(&mut self, cell: usize, pipeline: &AnyPipeline) -> Result<(), GpuError> {
         if self.cells[cell].plan.errors_only || self.progress.counters.contains_key(&cell) {
             return Ok(());
@@ -396,7 +389,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         found: CellFindings,
     ) -> Measured {
         let counters = self.progress.counters.get(&cell).map_or(&[][..], Vec::as_slice);
-        build_record(samples, pipeline, counters, found, self.schedule.precision)
+        build_record(samples, pipeline, counters, found)
     }
 
     fn frame<T>(
@@ -447,15 +440,12 @@ impl Executor for CellExecutor<'_, '_> {
         self.output.progress.preparing(plan);
         let Session { gpu, times, hosts, .. } = &mut *self.session;
         let begun = Instant::now();
-        let (pipeline, made) = gpu.time_pipelines(|| subject.build(gpu));
-        let pipeline = pipeline?;
+        let pipeline = subject.build_planned(gpu)?;
         if !plan.errors_only && !self.progress.findings.contains_key(&cell) {
-            hosts.entry(plan.pipeline.clone()).or_insert(((self.number, cell), made));
+            hosts.entry(plan.pipeline.clone()).or_insert((self.number, cell));
         }
         times.since(begun, SetUp::Pipelines);
-        if self.progress.findings.contains_key(&cell) {
-            self.count(cell, &pipeline)?;
-        }
+        self.count(cell, &pipeline)?;
         let code = if self.session.gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
         self.built.insert(cell, BuiltCell { pipeline, frames: (0.0, 0), submits_ns: Vec::new() });
@@ -466,6 +456,11 @@ impl Executor for CellExecutor<'_, '_> {
     fn wake(&mut self) -> Result<(), Failure> {
         let Session { gpu, waker, .. } = &mut *self.session;
         Ok(waker.wake(gpu)?)
+    }
+
+    fn pace(&mut self) -> Result<Option<[f64; 2]>, Failure> {
+        let Session { gpu, pacer, .. } = &mut *self.session;
+        Ok(Some(pacer.read(gpu)?))
     }
 
     fn time_frame(&mut self, cell: usize) -> Result<FrameSample, Failure> {
@@ -491,7 +486,7 @@ impl Executor for CellExecutor<'_, '_> {
 
     fn save(&mut self, cell: usize, samples: &Samples) -> Result<(), RecordError> {
         let Some(built) = self.built.get(&cell) else { return Ok(()) };
-        let samples = Samples { stopped: StopReason::Interrupted, ..samples.clone() };
+        let samples = samples.clone();
         let found =
             self.progress.findings.get(&cell).cloned().unwrap_or_else(CellFindings::unfinished);
         let mut measured = self.build_record(cell, &samples, &built.pipeline, found);
@@ -501,7 +496,7 @@ impl Executor for CellExecutor<'_, '_> {
             stage.ceiling = share.filter(|share| !share.is_impossible());
         }
         let record = self.cells[cell].record(Outcome::Measured(Box::new(measured)));
-        self.state(cell).pairs = samples.pairs();
+        self.state(cell).visits = samples.count_visits();
         self.progress.samples.insert(cell, samples);
         self.output.folder.writer.append_unsynced(&[Record::Cell(Box::new(record))])
     }
@@ -510,8 +505,10 @@ impl Executor for CellExecutor<'_, '_> {
         let samples = result.as_ref().cloned().unwrap_or_default();
         let record = result.and_then(|samples| self.sampled(cell, &samples));
         let frames = self.built.get(&cell).map_or((0.0, 0), |built| built.frames);
+        let now_s = self.now_s();
         let state = self.state(cell);
-        (state.recorded, state.is_excluded, state.pairs) = (true, record.is_err(), samples.pairs());
+        (state.recorded, state.is_excluded) = (true, record.is_err());
+        (state.visits, state.visited_s) = (samples.count_visits(), now_s);
         state.half_width = samples.relative_half_width();
         if frames.1 > 0 {
             state.costs.pair_s = Some(2.0 * frames.0 / f64::from(frames.1));

@@ -1,23 +1,20 @@
-//! What a cell costs the CPU: encoding, submission, making of pipelines.
+//! What a cell costs the CPU: encoding and submission.
 
-use super::subject::Subject;
 use fathom_base::statistics::estimate;
-use fathom_gpu::{EncodeCost, FrameTimer, Gpu, GpuError, MadePipelines};
+use fathom_gpu::{EncodeCost, FrameTimer, Gpu, GpuError};
 use fathom_pipelines::AnyPipeline;
-use fathom_record::{HostCosts, PipelineCreation, StageEncoding};
+use fathom_record::{HostCosts, StageEncoding};
 
 /// Frames that are encoded: enough for an interval at 95 %.
 const ENCODINGS: usize = 15;
 /// Submissions at least: the fewest that have an interval.
 const MIN_SUBMISSIONS: usize = 6;
 
-/// The costs of a cell that was built in this process while `made` pipelines were made. `submits_ns` are those of its untimed frames.
+/// The costs of a cell. `submits_ns` are those of its untimed frames.
 pub fn costs(
     gpu: &Gpu,
     timer: &mut FrameTimer,
-    subject: &Subject,
     pipeline: &AnyPipeline,
-    made: MadePipelines,
     submits_ns: &[f64],
 ) -> Result<HostCosts, GpuError> {
     let stages = pipeline.stages();
@@ -34,18 +31,10 @@ pub fn costs(
     while submits_ns.len() < MIN_SUBMISSIONS {
         submits_ns.push(timer.on_host(gpu, &stages)?.submit_ns);
     }
-    let (again, of_all) = gpu.time_all_pipelines(|| subject.build(gpu));
-    drop(again?);
-    // Otherwise cells before this one have made some of them.
-    let is_first = made.count == of_all.count;
     Ok(HostCosts {
         stages: stages.iter().enumerate().map(encoding).collect(),
         encode: estimated(&|frame| frame.frame_ns),
         submit: estimate(&submits_ns),
-        creation: is_first.then_some(PipelineCreation {
-            pipelines: made.count,
-            first_ns: made.ns,
-            again_ns: of_all.ns,
-        }),
+        creation: None,
     })
 }

@@ -44,17 +44,16 @@ impl CellFindings {
     }
 }
 
-/// The record of a measured cell, whose frame time was to have this precision. Quantities that are not finite are left out and noted.
+/// The record of a measured cell. Quantities that are not finite are left out and noted.
 pub fn build_record(
     samples: &Samples,
     pipeline: &AnyPipeline,
     counters: &[StageCounters],
     found: CellFindings,
-    precision: f64,
 ) -> Measured {
     let frame = frame_record(samples);
     let CellFindings { mut quantities, repeated, mut errors, mut notes, pictures, host } = found;
-    notes.extend(sampling_notes(samples, &frame.untimed, precision));
+    notes.extend(sampling_notes(samples));
     let mut is_finite = |name: &str, value: f64| {
         let left_out = || format!("{name} left out: it is not a finite number");
         notes.extend((!value.is_finite()).then(|| Note::new(NoteKind::NotFinite, left_out())));

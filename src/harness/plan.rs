@@ -10,7 +10,6 @@ use anyhow::{Result, anyhow, bail};
 use serde_json::Value;
 
 use super::catalog::{Catalog, SubjectError};
-use super::repetitions::PlannedRepetitions;
 use super::shard;
 use super::subject::{Subject, Subjects};
 use super::views;
@@ -114,7 +113,7 @@ pub struct PlannedCell {
     pub reference: Option<Subject>,
     /// The same and seen from elsewhere, where the experiment asks for views.
     pub views: Option<Vec<[Subject; 2]>>,
-    pub repetitions: Option<PlannedRepetitions>,
+    pub repetitions: Option<Vec<Subject>>,
 }
 
 impl PlannedCell {
@@ -164,9 +163,13 @@ pub fn plan(
     if let Some(part) = request.part {
         shard::retain_shard(part, &experiments, &mut expanded);
     }
+    in_time()?;
+    let all = expanded.iter().flatten();
+    subjects.make_scenes(all.map(|plan| (&*plan.pipeline, &*plan.scene, &*plan.overrides)));
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
-        let angles_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
+        let angles_deg =
+            experiment.views.as_ref().map(|views| views.turns_deg.of(profile).as_slice());
         let cell = |plan| {
             in_time()?;
             planned_cell(&mut subjects, plan, angles_deg, capacity)
@@ -195,7 +198,7 @@ fn planned_cell(
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
         let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;
-        repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
+        repetitions = Some(repeated);
     }
     let foreseen = of_cell.forecast_s(capacity).map_err(error)?;
     let (declared_s, skip) = (*foreseen.as_ref().unwrap_or(&0.0), foreseen.err());

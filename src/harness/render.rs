@@ -38,7 +38,7 @@ impl RenderedFrame {
     /// See [`PipelineInstance::compare_pixels`](fathom_pipelines::PipelineInstance::compare_pixels).
     pub fn compare_pixels(&self, gpu: &Gpu, subject: &Subject) -> Result<PixelComparison> {
         let references = &mut ReferenceCache::load();
-        let judge = Judge { gpu, scene: &subject.scene, references, requested: &[] };
+        let judge = Judge::new(gpu, &subject.scene, references);
         let compared = self.pipeline.compare_pixels(&judge)?;
         compared.with_context(|| format!("pipeline {} has no such panel", subject.kind.name))
     }

@@ -4,17 +4,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, CellProgress, RunTimes, Session};
 use super::plan::{self, GIVEN, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::reports::{MakeReport, Reports, RunOutput};
-use super::sample::{self, Goal, Settings};
-use super::schedule::{Batch, CellCosts, CellState, ClaimUnit, OpenClaim, Schedule};
+use super::sample::{self, Settings};
+use super::schedule::{Batch, CellCosts, CellState, ClaimUnit, MAX_VISITS, Next, Schedule};
 use super::sweep::SOURCE;
 use super::{ceilings, memory};
 use fathom_base::folder::Dir;
@@ -22,7 +22,7 @@ use fathom_base::{print, private, quiet};
 use fathom_clock::Samples;
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_gpu as gpu;
-use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
+use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError, Pacer};
 use fathom_record as record;
 use fathom_record::calendar;
 use fathom_record::command::{resuming, run_options, split_options};
@@ -39,8 +39,8 @@ const GPU_GROUP_BYTES: u64 = 2 << 30;
 
 /// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
 const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
-/// A run that leaves more of its budget than this says why, seconds.
-const LEFT_S: f64 = 5.0;
+/// Between two looks whether a run that waits was interrupted, seconds.
+const WAIT_S: f64 = 0.1;
 /// What a default budget has for set-up beside the time of its cells.
 const SET_UP_S: f64 = 30.0;
 
@@ -54,8 +54,8 @@ pub struct RunOptions {
     pub profile: Option<Profile>,
     /// Time for the whole command, seconds.
     pub budget_s: Option<f64>,
-    /// Half the width of the frame time's 95 % interval over its median.
-    pub precision: Option<f64>,
+    /// To each cell at most; an interval takes four.
+    pub visits: Option<u32>,
     pub out: Option<PathBuf>,
     pub resume: bool,
     /// Seed of the order of cells and frames.
@@ -88,7 +88,6 @@ pub fn run(
     report: MakeReport<'_>,
     interrupted: &AtomicBool,
 ) -> Result<Summary> {
-    check(options)?;
     spread_references();
     let experiments = options.request.load(&options.catalog)?;
     let asked = asked(&options.request, &experiments);
@@ -126,11 +125,11 @@ pub fn run(
     }
     let now = spent.since(now, SetUp::Scenes);
     let audit = gpu::audit_all(&gpu)?;
-    spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = header(options, &gpu, &audit, profile, seed);
     (header.shard, header.experiments) = (part, Some(asked));
     header.loop_turns = in_time().is_ok().then(|| gpu::measure_loop_turns(&gpu)).transpose()?;
+    let now = spent.since(now, SetUp::Audit);
     let plan = clock_plan(&mut header, audit.plan, &held.before);
     let earlier = record::earlier(&held.before, &header);
     let finished = finished(&planned, &earlier);
@@ -138,21 +137,27 @@ pub fn run(
     let crashed = fail_crashed_cells(&mut planned, &held.before, &header, &earlier);
     let progress: Vec<CellProgress> =
         planned.iter().map(|planned| CellProgress::new(planned, &held.before, &earlier)).collect();
-    let precision = options.precision.unwrap_or(profile.precision());
-    let schedule = schedule(&planned, &progress, precision);
+    let schedule = schedule(&planned, &progress, options.visits.unwrap_or(MAX_VISITS) as usize);
     let budget_s =
         options.budget_s.unwrap_or_else(|| default_budget_s(profile, &planned, &schedule));
-    let now = Instant::now();
+    let now = spent.since(now, SetUp::Scenes);
     if !options.no_ceilings {
         let is_short = budget_s < MIN_BUDGET_OF_CEILINGS_S || in_time().is_err();
         measure_limits(&gpu, plan, &mut header, &held.before, is_short)?;
     }
+    let pacer = Pacer::new(&gpu, plan)?;
     spent.since(now, SetUp::Ceilings);
     let mut measurement = Measurement {
         group_bytes: if gpu.adapter.software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
         round: next_round(&held.before).max(part.map_or(0, Part::first_round)),
-        session: Session::new(gpu, options.gpu.clone(), plan, header.ceilings.clone(), spent)?,
+        session: Session::new(
+            gpu,
+            options.gpu.clone(),
+            (plan, pacer),
+            header.ceilings.clone(),
+            spent,
+        )?,
         output: RunOutput {
             start,
             records: held.before.clone(),
@@ -227,7 +232,7 @@ fn fail_crashed_cells(
     planned.iter_mut().flat_map(of).collect()
 }
 
-fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], precision: f64) -> Schedule {
+fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], max_visits: usize) -> Schedule {
     let state = |(index, cell): (usize, &PlannedCell), known: &CellProgress| {
         let samples = known.samples.get(&index);
         CellState {
@@ -236,7 +241,8 @@ fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], precision: f6
             untimed: cell.plan.errors_only,
             recorded: cell.skip.is_some() || known.findings.contains_key(&index),
             is_excluded: cell.skip.is_some(),
-            pairs: samples.map_or(0, Samples::pairs),
+            visits: samples.map_or(0, Samples::count_visits),
+            visited_s: f64::NEG_INFINITY,
             half_width: samples.map_or(0.0, Samples::relative_half_width),
             costs: CellCosts::default(),
         }
@@ -249,14 +255,14 @@ fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], precision: f6
         let units = planned.experiment.units(&plans).into_iter();
         let unit = |cells: Vec<usize>| {
             let claims = planned.experiment.claims_on(&plans, &cells);
-            ClaimUnit { experiment, cells, claims }
+            ClaimUnit { experiment, cells, claims, is_promised: false }
         };
         units.map(unit).collect::<Vec<_>>()
     });
     let (cells, units) = (states.collect(), units.collect());
     let first = plan::first_cells(planned);
     let sweeps = plan::sweeps(planned);
-    Schedule { cells, units, first, sweeps, precision, ..Schedule::default() }
+    Schedule { cells, units, first, sweeps, max_visits }
 }
 
 /// A resumed run has the experiments, settings and part that it was begun with: figures of several would stand beside each other.
@@ -341,12 +347,6 @@ fn clock_plan(header: &mut Run, found: ClockPlan, before: &[Record]) -> ClockPla
     plan
 }
 
-fn check(options: &RunOptions) -> Result<()> {
-    let value = options.precision.unwrap_or(1.0);
-    ensure!(value.is_finite() && value > 0.0, "--precision must be a positive number, not {value}");
-    Ok(())
-}
-
 fn profile(options: &RunOptions, resumed: Option<&Recording>, gpu: &Gpu) -> Profile {
     let before = resumed.map_or(&[][..], |held| &held.before);
     let resumed = before.iter().rev().find_map(Record::try_as_run_ref).map(|run| run.profile);
@@ -363,7 +363,6 @@ fn header(options: &RunOptions, gpu: &Gpu, audit: &Audit, profile: Profile, seed
         build: Some(Build { program: options.catalog.digest().ok(), ..options.catalog.build() }),
         started_at: calendar::now(),
         profile,
-        precision: Some(options.precision.unwrap_or(profile.precision())),
         command: options.command.clone(),
         adapter: record::Adapter {
             host_threads: quiet::cores_before().len().max(1),
@@ -378,7 +377,7 @@ fn header(options: &RunOptions, gpu: &Gpu, audit: &Audit, profile: Profile, seed
     }
 }
 
-/// For all cells that lack their precision, each as many times as its experiment's weight. Cells that are not timed take no time.
+/// For all cells that lack visits, each as many times as its experiment's weight. Cells that are not timed take no time.
 fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &Schedule) -> f64 {
     let (per_cell_s, max_s): (f64, f64) = match profile {
         Profile::Quick => (6.0, 240.0),
@@ -388,7 +387,7 @@ fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &
         let due = states.iter().filter(|state| {
             !state.is_excluded
                 && !state.untimed
-                && (!state.recorded || state.half_width > schedule.precision)
+                && (!state.recorded || state.visits < schedule.max_visits)
         });
         planned.experiment.weight * due.count() as f64
     });
@@ -440,15 +439,14 @@ impl Measurement<'_> {
         (0..planned.len()).for_each(|experiment| self.look(experiment));
         let mut outcome = Outcome::OverBudget;
         while !self.interrupted.load(Ordering::Relaxed) {
-            let deadline_s = self.output.deadline_s();
-            let left_s = deadline_s - self.output.now_s();
-            let Some(batch) = self.schedule.next(left_s) else {
-                if self.schedule.next(f64::INFINITY).is_some() && left_s > LEFT_S {
-                    print::note(format!(
-                        "{left_s:.0} s of the time budget are left: whatever could be sampled next is foreseen to take longer"
-                    ));
+            let (now_s, deadline_s) = (self.output.now_s(), self.output.deadline_s());
+            let batch = match self.schedule.next(now_s, deadline_s - now_s) {
+                Next::Visit(batch) => batch,
+                Next::Wait(wait_s) => {
+                    std::thread::sleep(Duration::from_secs_f64(wait_s.min(WAIT_S)));
+                    continue;
                 }
-                break;
+                Next::End => break,
             };
             if self.report_if_due(&batch) {
                 continue;
@@ -476,7 +474,7 @@ impl Measurement<'_> {
 
     /// The first report comes after the first visits, unless it would take too much of the budget.
     fn report_if_due(&mut self, next: &Batch) -> bool {
-        let is_first = next.goal != Goal::FirstVisits && self.output.reports.may_begin();
+        let is_first = !next.is_first && self.output.reports.may_begin();
         let is_due = is_first || self.output.reports.is_due();
         if is_due {
             self.output.report(&self.schedule);
@@ -505,8 +503,6 @@ impl Measurement<'_> {
 
     fn sample(&mut self, batch: &Batch, deadline_s: f64) -> Result<()> {
         let settings = Settings {
-            goal: batch.goal,
-            precision: self.schedule.precision,
             deadline_s,
             at_least_one: !self.schedule.has_measured(),
             group_bytes: self.group_bytes,
@@ -522,36 +518,30 @@ impl Measurement<'_> {
             &mut self.schedule,
         );
         self.round = sample::sample(&mut executor, &batch.cells, &settings, self.interrupted)?;
-        self.session.gpu.drop_pipelines();
+        self.session.gpu.keep_pipelines();
         Ok(())
     }
 
-    /// Looks at the samples of an experiment: which claims are open.
+    /// Tells how many claims of an experiment are settled so far. Nothing is planned by it.
     fn look(&mut self, number: usize) {
-        let PlannedExperiment { experiment, cells } = &self.planned[number];
+        let (start, experiment) = (Instant::now(), &self.planned[number].experiment);
         let records: Vec<&Cell> = self.progress[number].records.values().collect();
-        let standing = experiment.standing(&records, self.session.gpu.adapter.software);
-        self.output.progress.set_settled(number, standing.settled, experiment.claim.len());
-        let place = |name: &&str| cells.iter().position(|cell| cell.plan.cell == *name);
-        let open = standing.open.iter().map(|names| OpenClaim {
-            experiment: number,
-            cells: names.iter().filter_map(place).collect(),
-        });
-        self.schedule.open.retain(|claim| claim.experiment != number);
-        self.schedule.open.extend(open);
+        let settled = experiment.settled(&records, self.session.gpu.adapter.software);
+        self.output.progress.set_settled(number, settled, experiment.claim.len());
+        self.session.times.since(start, SetUp::Reports);
     }
 
     /// Records the cells that the budget or a lost device left. Those of which there are samples have a record.
     fn record_unfinished(&mut self, left: Outcome) -> Result<(), RecordError> {
         let cells = self.planned.iter().flat_map(|planned| &planned.cells);
         let states = cells.zip(self.schedule.all());
-        let states = states.filter(|(_, state)| !state.recorded && state.pairs == 0);
+        let states = states.filter(|(_, state)| !state.recorded && state.visits == 0);
         self.output.finish_all(states.map(|(cell, _)| cell.record(left.clone())).collect())
     }
 
     fn end(mut self) -> Result<Summary> {
         let spent = &mut self.session.times;
-        spent.set_up_s.insert(SetUp::Reports, self.output.reports.spent_s);
+        *spent.set_up_s.entry(SetUp::Reports).or_default() += self.output.reports.spent_s;
         let parts_s = spent.set_up_s.clone();
         let set_up_s = parts_s.values().sum();
         let end = End {

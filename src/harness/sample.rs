@@ -1,18 +1,17 @@
-//! Samples one batch of cells: which cell renders which frame next.
+//! Samples one visit of a batch of cells: which cell renders which frame next.
 //!
 //! The cells of a batch are prepared in groups that fit into memory together. Within a group they
 //! are sampled round-robin, those that a claim compares back to back, in an order drawn anew each round
-//! ([`visit`]): so the machine's drift affects all of them alike. A visit renders a frame of each of its cells with
+//! ([`visit`]): so the machine's drift affects all of them alike. A round renders a frame of each of its cells with
 //! per-stage timing and one without: the ratio of the two is the cost of timing.
 //!
-//! A batch ends when its cells have the pairs of its [`Goal`]. Then `harness::schedule` looks at the samples and chooses the next batch.
-//! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks. Cells
-//! whose times are not asked for render one frame.
+//! A visit is [`VISIT_PAIRS`] rounds after a warm-up, however the samples turn out: more of them would show the same state of the machine
+//! again. `harness::schedule` plans the next visit, by time alone. Cells whose times are not asked for render one frame.
 //!
-//! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline. What was
+//! Before each preparation and each round the scheduler asks whether what is foreseen for it still fits before the deadline. What was
 //! foreseen may be wrong: once the deadline is over no further step begins, be it a frame or the reading of a cell's figures.
 //!
-//! What cells have is handed to [`Executor::save`] after their first visit and every `KEEP_INTERVAL_S`, so that a run that ends at any
+//! What cells have is handed to [`Executor::save`] after their first round and every `KEEP_INTERVAL_S`, so that a run that ends at any
 //! moment can be gone on with: a cell begins with what [`Executor::earlier_samples`] has of it.
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
@@ -25,22 +24,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
-use self::visit::{VisitFrame, Visits};
-use fathom_clock::{FrameSample, Samples, StopReason, WarmUp};
-use fathom_experiments::LOOKS;
+use self::visit::{MAX_VISIT_S, VisitFrame, Visits};
+use fathom_clock::{FrameSample, Samples, WarmUp};
 use fathom_record::MachineState;
 
-/// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
-/// 12 on no interval ends at a single outlier. The end of the time is one more look.
-pub const LOOK_PAIRS: [usize; LOOKS - 1] = [12, 24, 48, 96, 192];
-/// Pairs that each cell gets before its samples are looked at.
-pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
-/// Pairs after which a cell stops in any case.
-pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
-/// Time of a cell's first visits, seconds: slow frames are fewer then, but no fewer than [`MIN_FIRST_PAIRS`].
-const FIRST_VISITS_S: f64 = 3.0;
-/// As many as an interval needs: the frame nearest to the defaults is what a page shows first.
-const MIN_FIRST_PAIRS: usize = 8;
+/// Pairs of frames of a cell in a visit: one in each order of the cells that are visited together.
+pub const VISIT_PAIRS: usize = 2;
 
 /// A run that is killed loses what was sampled for no longer than this and one step, seconds.
 const KEEP_INTERVAL_S: f64 = 10.0;
@@ -64,6 +53,10 @@ pub trait Executor {
     /// Brings the GPU out of the clocks that it idles at.
     fn wake(&mut self) -> Result<(), Failure> {
         Ok(())
+    }
+    /// How long the machine takes for two fixed kernels at this moment, nanoseconds.
+    fn pace(&mut self) -> Result<Option<[f64; 2]>, Failure> {
+        Ok(None)
     }
     /// One frame with per-stage timing.
     fn time_frame(&mut self, cell: usize) -> Result<FrameSample, Failure>;
@@ -107,35 +100,16 @@ pub struct CostForecast {
 }
 
 impl CostForecast {
-    /// All of a cell's first visits.
-    pub fn first_visits_s(&self) -> f64 {
-        let max_pairs = (FIRST_VISITS_S / self.pair_s).ceil();
-        self.visit_s((max_pairs as usize).clamp(MIN_FIRST_PAIRS, MIN_PAIRS))
+    /// All of a visit: after a warm-up of two frames, or of one where the figures are known.
+    pub fn visit_s(&self) -> f64 {
+        let warm_up = if self.finish_s > 0.0 { 1.0 } else { 0.5 };
+        self.prepare_s + self.pair_s * (VISIT_PAIRS as f64 + warm_up) + self.finish_s
     }
-
-    /// All of a visit of this many pairs after a warm-up of two frames.
-    pub fn visit_s(&self, pairs: usize) -> f64 {
-        self.prepare_s + self.pair_s * (pairs + 1) as f64 + self.finish_s
-    }
-}
-
-/// How far the cells of a batch are sampled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Goal {
-    /// A first impression of a frame: as the first look, but fewer pairs where frames are slow.
-    FirstVisits,
-    /// The pairs of the first look, in rounds that all cells of the batch have in common.
-    FirstLook,
-    /// The pairs of the look after those that the cells have.
-    NextLook,
 }
 
 /// What and until when to sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    pub goal: Goal,
-    /// Half the width of the frame time's 95 % interval over its median.
-    pub precision: f64,
     /// Nothing is begun that is not foreseen to be over by then, on the executor's clock, seconds.
     pub deadline_s: f64,
     /// The first pair of frames is begun whatever is foreseen for it.
@@ -158,10 +132,9 @@ struct LiveCell {
     samples: Samples,
     /// Pairs to have in the end.
     target: usize,
-    spent_s: f64,
     /// Of the latest pair.
     pair_s: Option<f64>,
-    /// It has rendered frames on this device.
+    /// It has rendered frames since it was prepared.
     warm: bool,
     /// So many of its pairs were handed over.
     kept_pairs: usize,
@@ -171,38 +144,20 @@ impl LiveCell {
     fn new(samples: Samples) -> Self {
         Self {
             kept_pairs: samples.pairs(),
+            target: samples.pairs() + VISIT_PAIRS,
             samples,
-            target: 0,
-            spent_s: 0.0,
             pair_s: None,
             warm: false,
         }
     }
 
     /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs.
-    fn needs_pair(&self, goal: Goal) -> bool {
-        let pairs = self.samples.pairs();
-        let had_enough =
-            goal == Goal::FirstVisits && self.spent_s > FIRST_VISITS_S && pairs >= MIN_FIRST_PAIRS;
-        !self.warm || pairs < self.target && !had_enough
+    fn needs_pair(&self) -> bool {
+        !self.warm || self.samples.pairs() < self.target
     }
 }
 
-/// Pairs that cells are to have in the end that have so many now. Cells of one batch get the same number of new rounds where they
-/// are to be compared by round: with a cell that has none, and from look to look.
-pub fn targets(goal: Goal, pairs: &[usize]) -> Vec<usize> {
-    let next = |pairs: &usize| Some(LOOK_PAIRS.into_iter().find(|look| look > pairs)? - pairs);
-    let rounds = pairs.iter().filter_map(next).max().unwrap_or(0);
-    let any_is_new = pairs.contains(&0);
-    let target = |pairs: &usize| match goal {
-        Goal::FirstLook if any_is_new => *pairs + MIN_PAIRS,
-        Goal::FirstVisits | Goal::FirstLook => MIN_PAIRS.max(*pairs),
-        Goal::NextLook => *pairs + rounds,
-    };
-    pairs.iter().map(target).collect()
-}
-
-/// Samples `cells` up to the goal, or the deadline, or until `interrupted` is set. Cells of which anything was sampled are handed
+/// Samples one visit of `cells`, or up to the deadline, or until `interrupted` is set. Cells of which anything was sampled are handed
 /// to [`Executor::finish`]; what there is of them when the time is over, the run is interrupted or the device is lost is
 /// only kept. Returns the number of the next round.
 pub fn sample<X: Executor>(
@@ -242,6 +197,7 @@ struct VisitSamples {
     frame_ns: Option<f64>,
     /// What its frames took.
     frames_s: f64,
+    pacer_ns: Option<[f64; 2]>,
 }
 
 struct Sampler<'a, X: Executor> {
@@ -287,7 +243,7 @@ impl<X: Executor> Sampler<'_, X> {
             let full = used.saturating_add(largest) > self.settings.group_bytes;
             let foreseen = self.executor.forecast(cell);
             // Of what the first cell took it is known whether there is time for others.
-            let fits = self.owes_one && done == 0 || self.fits(foreseen.visit_s(1));
+            let fits = self.owes_one && done == 0 || self.fits(foreseen.visit_s());
             if self.is_over() || (done > 0 && full) || !fits {
                 prepared = done;
                 break;
@@ -308,20 +264,15 @@ impl<X: Executor> Sampler<'_, X> {
                 largest = largest.max(bytes);
             }
         }
-        let pairs: Vec<usize> = self.live.values().map(|live| live.samples.pairs()).collect();
-        for (live, target) in self.live.values_mut().zip(targets(self.settings.goal, &pairs)) {
-            live.target = target;
-        }
         Ok(prepared)
     }
 
     fn sample_group(&mut self) -> Result<(), X::Fatal> {
-        let goal = self.settings.goal;
         if let Some(cell) = self.live.keys().next().copied().filter(|_| !self.is_over()) {
             self.attempt(cell, |sampler| sampler.executor.wake())?;
         }
         while !self.has_to_end() {
-            let wanting = self.live.iter().filter(|(_, live)| live.needs_pair(goal));
+            let wanting = self.live.iter().filter(|(_, live)| live.needs_pair());
             let wanting: Vec<usize> = wanting.map(|(cell, _)| *cell).collect();
             if wanting.is_empty() {
                 break;
@@ -336,7 +287,7 @@ impl<X: Executor> Sampler<'_, X> {
         self.finish_rest()
     }
 
-    /// The frames of cells that are visited together, after warm-ups that are due; then a cell may have failed.
+    /// The frames of a round of cells that are visited together, after warm-ups that are due; then a cell may have failed.
     fn visit(&mut self, frames: &[VisitFrame]) -> Result<(), X::Fatal> {
         let mut taken: BTreeMap<usize, VisitSamples> =
             frames.iter().map(|frame| (frame.cell, VisitSamples::default())).collect();
@@ -351,16 +302,23 @@ impl<X: Executor> Sampler<'_, X> {
             return Ok(());
         }
         for &cell in taken.keys() {
-            let start_s = self.executor.now_s();
             self.attempt(cell, |sampler| sampler.warm_up(cell))?;
-            self.spend(cell, start_s);
         }
+        let (mut paced_s, mut pacer_ns) = (f64::NEG_INFINITY, None);
         for VisitFrame { cell, timed } in frames.iter().copied() {
             if self.is_over() || !self.live.get(&cell).is_some_and(|live| live.warm) {
                 continue;
             }
+            if self.executor.now_s() - paced_s >= MAX_VISIT_S {
+                self.attempt(cell, |sampler| {
+                    pacer_ns = sampler.executor.pace()?;
+                    Ok(())
+                })?;
+                paced_s = self.executor.now_s();
+            }
             let start_s = self.executor.now_s();
             let taken = taken.entry(cell).or_default();
+            taken.pacer_ns = taken.pacer_ns.or(pacer_ns);
             self.attempt(cell, |sampler| {
                 if timed {
                     taken.timed = Some(sampler.executor.time_frame(cell)?);
@@ -370,7 +328,6 @@ impl<X: Executor> Sampler<'_, X> {
                 Ok(())
             })?;
             taken.frames_s += self.executor.now_s() - start_s;
-            self.spend(cell, start_s);
         }
         self.owes_one = false;
         let (unix_s, machine) = (self.executor.unix_s(), self.executor.machine());
@@ -397,17 +354,13 @@ impl<X: Executor> Sampler<'_, X> {
         Ok(())
     }
 
-    fn spend(&mut self, cell: usize, since_s: f64) {
-        let now_s = self.executor.now_s();
-        self.live.entry(cell).and_modify(|live| live.spent_s += now_s - since_s);
-    }
-
     /// See [`WarmUp`].
     fn warm_up(&mut self, cell: usize) -> Result<(), Failure> {
         if self.live[&cell].warm {
             return Ok(());
         }
-        let mut warm_up = WarmUp::default();
+        let last = self.live[&cell].samples.pairs.last();
+        let mut warm_up = WarmUp::after(last.map(|pair| pair.envelope_ns));
         while !warm_up.is_over() && !self.is_over() {
             warm_up.add(if warm_up.is_timed() {
                 self.executor.time_frame(cell)?.envelope_ns
@@ -440,7 +393,7 @@ impl<X: Executor> Sampler<'_, X> {
             if all_earlier && !live.samples.has_stages(&frame.stages) {
                 (live.samples, live.kept_pairs) = (Samples::default(), 0);
             }
-            live.samples.add(frame, frame_ns, self.round, unix_s, machine);
+            live.samples.add(frame, frame_ns, self.round, unix_s, machine, taken.pacer_ns);
         }
         match live.samples.verdict_on_rejections() {
             Some(reason) => self.close(cell, Err(reason)),
@@ -470,16 +423,7 @@ impl<X: Executor> Sampler<'_, X> {
             return Ok(());
         };
         let samples = std::mem::take(&mut live.samples);
-        let stopped = if self.executor.untimed_only(cell) {
-            StopReason::UntimedOnly
-        } else if samples.relative_half_width() <= self.settings.precision {
-            StopReason::Precise
-        } else if samples.pairs() >= MAX_PAIRS {
-            StopReason::EnoughPairs
-        } else {
-            StopReason::OutOfTime
-        };
-        self.close(cell, Ok(Samples { stopped, ..samples }))
+        self.close(cell, Ok(samples))
     }
 
     fn close(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), X::Fatal> {

@@ -1,22 +1,25 @@
-//! Which cells of a run are measured next, so that a page can be read early and claims are settled soon.
+//! Which cells of a run are visited next: by time alone, whatever was measured.
 //!
-//! A run begins cells in the order of one list, as far as they fit into the time that is left:
+//! A run goes around. It begins cells in the order of one list, as far as [`MIN_VISITS`] visits to each fit into the time that is left:
 //!
 //! 1. the cell of each pipeline that is nearest to the pipeline's defaults, the cheapest pipeline first, and all sizes of a sweep together;
 //! 2. units of cells that claims speak of, those first that have the most claims per second of foreseen time;
-//! 3. units without claims, the cheapest first;
-//! 4. single cells of units that are too long for the time that is left, the cheapest first.
+//! 3. units without claims, the cheapest first.
 //!
-//! When nothing more can be begun, it deepens: the cells of the cheapest open claim up to their next look, else those of the unit with the
-//! widest interval. After each batch the run asks anew. A unit is what
+//! Then it visits what it has begun again and again, what has the fewest visits first, until all have [`MIN_VISITS`]. Visits to a cell lie
+//! [`VISIT_S`] apart. What time is left goes to one visit of further cells, as their errors and pictures need no more, then to further
+//! visits, the unit with the widest interval first. A unit is what
 //! [`Experiment::units`](fathom_experiments::Experiment::units) gives: cells that are compared are sampled in the same rounds.
 //!
 //! What a cell will take is foreseen from the cell itself, where it was measured before; else its frame from its declared work, in
 //! the proportion in which the seen frames of the pipeline (or of all pipelines) stand to theirs, and its preparation and the
 //! reading of its figures from the mean of the experiment's cells, or of all cells.
 
-use super::sample::{CostForecast, Goal, MAX_PAIRS, MIN_PAIRS, targets};
+use super::sample::CostForecast;
+use fathom_base::visits::{MIN_VISITS, VISIT_S};
 
+/// Visits to a cell at most, where no other number is asked for: Student's t hardly shrinks beyond, and the error with the root alone.
+pub const MAX_VISITS: u32 = 12;
 /// Foreseen for a step of which nothing was seen yet, seconds.
 const ASSUMED_STEP_S: f64 = 0.1;
 /// Shortest frame that is foreseen, seconds: submissions cost that much.
@@ -29,13 +32,8 @@ pub struct ClaimUnit {
     pub cells: Vec<usize>,
     /// Claims that speak of them.
     pub claims: usize,
-}
-
-/// An open claim: cells whose further samples could settle it.
-#[derive(Clone, Debug)]
-pub struct OpenClaim {
-    pub experiment: usize,
-    pub cells: Vec<usize>,
+    /// There was time for all visits that an interval takes.
+    pub is_promised: bool,
 }
 
 /// What a cell's steps took, seconds.
@@ -59,38 +57,41 @@ pub struct CellState {
     pub recorded: bool,
     /// It was skipped or failed.
     pub is_excluded: bool,
-    pub pairs: usize,
-    /// Half the width of its interval over its median.
+    pub visits: usize,
+    /// When the latest was, on the run's clock, seconds.
+    pub visited_s: f64,
+    /// Half the width of its interval over its middle.
     pub half_width: f64,
     pub costs: CellCosts,
 }
 
 impl CellState {
-    /// It has its first look behind it, or will have none.
-    fn is_looked_at(&self) -> bool {
-        self.is_excluded || self.recorded && (self.untimed || self.pairs >= MIN_PAIRS)
+    fn is_new(&self) -> bool {
+        !self.is_excluded && !self.recorded
     }
 
-    fn may_go_on(&self) -> bool {
-        !self.is_excluded && !self.untimed && self.pairs < MAX_PAIRS
+    /// It may be visited so often.
+    fn lacks(&self, visits: usize) -> bool {
+        !self.is_excluded && (!self.recorded || !self.untimed && self.visits < visits)
     }
 }
 
-/// What to sample next, and how far.
+/// Cells to visit next.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Batch {
     pub experiment: usize,
     pub cells: Vec<usize>,
-    pub goal: Goal,
+    /// Of what a page shows first.
+    pub is_first: bool,
 }
 
-/// A batch that may come next: that of the least rank first, and among those that of the least price.
-struct BatchChoice {
-    rank: u8,
-    price: f64,
-    /// Foreseen, seconds.
-    cost_s: f64,
-    batch: Batch,
+#[derive(Clone, Debug, PartialEq)]
+pub enum Next {
+    Visit(Batch),
+    /// Nothing is due before so many seconds are over.
+    Wait(f64),
+    /// Nothing is left, or nothing fits into the time.
+    End,
 }
 
 /// The state of a run.
@@ -103,23 +104,40 @@ pub struct Schedule {
     pub first: Vec<(usize, usize)>,
     /// Experiment and cells: the sizes of each sweep.
     pub sweeps: Vec<(usize, Vec<usize>)>,
-    pub open: Vec<OpenClaim>,
-    /// Of the frame time, half the width of the interval over the median.
-    pub precision: f64,
+    /// To a cell at most.
+    pub max_visits: usize,
 }
 
 impl Schedule {
-    /// The next batch that fits into the time. A run that has measured nothing begins one whatever is foreseen, if there is any time.
-    pub fn next(&self, left_s: f64) -> Option<Batch> {
+    /// What to do now, if `left_s` are left. A run that has measured nothing begins one batch whatever is foreseen, if there is any time.
+    pub fn next(&mut self, now_s: f64, left_s: f64) -> Next {
         let left_s = if self.has_measured() || left_s <= 0.0 { left_s } else { f64::INFINITY };
-        let best = |mut choices: Vec<BatchChoice>| {
-            choices.retain(|choice| choice.cost_s <= left_s);
-            let order = |a: &BatchChoice, b: &BatchChoice| {
-                a.rank.cmp(&b.rank).then_with(|| a.price.total_cmp(&b.price))
-            };
-            choices.into_iter().min_by(order).map(|choice| choice.batch)
-        };
-        best(self.to_begin()).or_else(|| best(self.to_deepen()))
+        let min_visits = MIN_VISITS.min(self.max_visits);
+        if let Some(batch) = self.first_batch(left_s) {
+            return Next::Visit(batch);
+        }
+        let owed_s = self.owed_s(min_visits);
+        if let Some(unit) = self.unit_to_begin(left_s, owed_s, min_visits) {
+            self.units[unit].is_promised = true;
+            return Next::Visit(self.batch(unit, self.max_visits));
+        }
+        let promised = self.due(now_s, min_visits, |unit| unit.is_promised);
+        let fewest = |unit: &usize| (self.fewest_visits(*unit), self.visited_s(*unit));
+        let owed = promised.into_iter().min_by(|a, b| {
+            let (a, b) = (fewest(a), fewest(b));
+            a.0.cmp(&b.0).then_with(|| a.1.total_cmp(&b.1))
+        });
+        if let Some(unit) = owed {
+            let batch = self.batch(unit, min_visits);
+            if self.cost_s(&batch) <= left_s {
+                return Next::Visit(batch);
+            }
+        }
+        let spare_s = left_s - owed_s;
+        if let Some(batch) = self.single_visit(spare_s).or_else(|| self.further(now_s, spare_s)) {
+            return Next::Visit(batch);
+        }
+        self.wait(now_s, left_s)
     }
 
     /// Something was measured, now or before.
@@ -131,78 +149,154 @@ impl Schedule {
         self.cells.iter().flatten()
     }
 
-    /// What lacks its first look.
-    fn to_begin(&self) -> Vec<BatchChoice> {
-        let is_new = |experiment: usize, cell: usize| {
-            let state = &self.cells[experiment][cell];
-            !state.recorded && !state.is_excluded
-        };
-        let alone = |rank, experiment, cell| {
-            let batch = Batch { experiment, cells: vec![cell], goal: Goal::FirstVisits };
-            is_new(experiment, cell).then(|| self.choice(rank, batch))
-        };
-        let first = self.first.iter().filter_map(|(experiment, cell)| alone(0, *experiment, *cell));
-        let together = self.sweeps.iter().filter_map(|(experiment, cells)| {
-            let cells = cells.iter().copied().filter(|cell| is_new(*experiment, *cell)).collect();
-            let batch = Batch { experiment: *experiment, cells, goal: Goal::FirstVisits };
-            (!batch.cells.is_empty()).then(|| self.choice(0, batch))
+    /// What a page shows first.
+    fn first_batch(&self, left_s: f64) -> Option<Batch> {
+        let alone = self.first.iter().map(|(experiment, cell)| (*experiment, vec![*cell]));
+        let batches = alone.chain(self.sweeps.iter().cloned()).map(|(experiment, cells)| {
+            let is_new = |cell: &usize| self.cells[experiment][*cell].is_new();
+            Batch { experiment, cells: cells.into_iter().filter(is_new).collect(), is_first: true }
         });
-        let mut choices: Vec<BatchChoice> = first.chain(together).collect();
-        for ClaimUnit { experiment, cells, claims } in &self.units {
-            let state = |cell: &usize| &self.cells[*experiment][*cell];
-            if cells.iter().all(|cell| state(cell).is_looked_at()) {
-                continue;
-            }
-            let is_due = |cell: &usize| !state(cell).is_looked_at() || state(cell).may_go_on();
-            let due = cells.iter().copied().filter(is_due).collect();
-            let batch = Batch { experiment: *experiment, cells: due, goal: Goal::FirstLook };
-            let unit = self.choice(if *claims > 0 { 1 } else { 2 }, batch);
-            let price = unit.cost_s / (*claims).max(1) as f64;
-            choices.push(BatchChoice { price, ..unit });
-            // No claim compares them yet, but what they take may show that the others do fit.
-            choices.extend(cells.iter().filter_map(|cell| alone(3, *experiment, *cell)));
-        }
-        choices
+        self.cheapest(batches, left_s)
     }
 
-    /// Cells that may go on to their next look: of open claims, and of units those whose interval is wider than asked.
-    fn to_deepen(&self) -> Vec<BatchChoice> {
-        let deeper = |rank, experiment: usize, cells: &[usize], min_width: f64| {
-            let may = |cell: &usize| {
-                let state = &self.cells[experiment][*cell];
-                state.recorded && state.may_go_on() && state.half_width > min_width
+    /// Of these the cheapest that fits.
+    fn cheapest(&self, batches: impl Iterator<Item = Batch>, left_s: f64) -> Option<Batch> {
+        let priced = batches.filter(|batch| !batch.cells.is_empty());
+        let priced = priced.map(|batch| (self.cost_s(&batch), batch));
+        let fitting = priced.filter(|(cost_s, _)| *cost_s <= left_s);
+        fitting.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, batch)| batch)
+    }
+
+    /// The unit to begin, if all visits to it that an interval takes fit.
+    fn unit_to_begin(&self, left_s: f64, owed_s: f64, min_visits: usize) -> Option<usize> {
+        let price = |unit: usize| {
+            let batch = self.batch(unit, self.max_visits);
+            let all_s = self.cost_s(&batch) + self.later_s(unit, min_visits.saturating_sub(1));
+            let ClaimUnit { claims, is_promised, .. } = self.units[unit];
+            let is_new =
+                batch.cells.iter().any(|cell| self.cells[batch.experiment][*cell].is_new());
+            let rank = if claims > 0 { 1 } else { 2 };
+            let apart_s = self.apart_s(unit, min_visits);
+            let is_fitting =
+                is_new && !is_promised && all_s <= left_s - owed_s && apart_s <= left_s;
+            is_fitting.then_some((rank, all_s / claims.max(1) as f64, unit))
+        };
+        let order = |a: &(i32, f64, usize), b: &(i32, f64, usize)| {
+            a.0.cmp(&b.0).then_with(|| a.1.total_cmp(&b.1))
+        };
+        (0..self.units.len()).filter_map(price).min_by(order).map(|(.., unit)| unit)
+    }
+
+    /// One visit of a unit that was not begun, or else of a cell of one, the cheapest first.
+    fn single_visit(&self, left_s: f64) -> Option<Batch> {
+        let of_unit = |ClaimUnit { experiment, cells, .. }: &ClaimUnit| {
+            let is_new = |cell: &&usize| self.cells[*experiment][**cell].is_new();
+            let cells = cells.iter().filter(is_new).copied().collect();
+            Batch { experiment: *experiment, cells, is_first: false }
+        };
+        let units = self.units.iter().map(of_unit);
+        self.cheapest(units.clone(), left_s).or_else(|| {
+            let alone = |batch: Batch| {
+                let of = |cell: &usize| Batch { cells: vec![*cell], ..batch.clone() };
+                batch.cells.iter().map(of).collect::<Vec<_>>()
             };
-            let cells: Vec<usize> = cells.iter().copied().filter(may).collect();
-            let batch = Batch { experiment, cells, goal: Goal::NextLook };
-            (!batch.cells.is_empty()).then(|| self.choice(rank, batch))
-        };
-        let claims = self
-            .open
-            .iter()
-            .filter_map(|claim| deeper(0, claim.experiment, &claim.cells, f64::NEG_INFINITY));
-        let units = self.units.iter().filter_map(|unit| {
-            let wide = deeper(1, unit.experiment, &unit.cells, self.precision)?;
-            let width = |cell: &usize| self.cells[unit.experiment][*cell].half_width;
-            let widest = wide.batch.cells.iter().map(width).fold(0.0, f64::max);
-            Some(BatchChoice { price: -widest, ..wide })
-        });
-        claims.chain(units).collect()
+            self.cheapest(units.flat_map(alone), left_s)
+        })
     }
 
-    /// At the price of its foreseen time.
-    fn choice(&self, rank: u8, batch: Batch) -> BatchChoice {
-        let pairs = |cell: &usize| self.cells[batch.experiment][*cell].pairs;
-        let pairs: Vec<usize> = batch.cells.iter().map(pairs).collect();
-        let targets = targets(batch.goal, &pairs);
-        let cost = |(cell, (target, pairs)): (&usize, (usize, usize))| {
-            let foreseen = self.forecast(batch.experiment, *cell);
-            match batch.goal {
-                Goal::FirstVisits => foreseen.first_visits_s(),
-                _ => foreseen.visit_s(target - pairs),
-            }
+    /// A further visit to the unit with the widest interval.
+    fn further(&self, now_s: f64, left_s: f64) -> Option<Batch> {
+        let width = |unit: &usize| {
+            let cells = self.batch(*unit, self.max_visits).cells;
+            cells.iter().map(|cell| self.state(*unit, *cell).half_width).fold(0.0, f64::max)
         };
-        let cost_s = batch.cells.iter().zip(targets.into_iter().zip(pairs)).map(cost).sum();
-        BatchChoice { rank, price: cost_s, cost_s, batch }
+        let due = self.due(now_s, self.max_visits, |_| true).into_iter();
+        let fitting = due.filter(|unit| {
+            self.fewest_visits(*unit) > 0
+                && self.cost_s(&self.batch(*unit, self.max_visits)) <= left_s
+        });
+        let widest = fitting.max_by(|a, b| width(a).total_cmp(&width(b)))?;
+        Some(self.batch(widest, self.max_visits))
+    }
+
+    /// Until the next visit of a unit is due, if one fits.
+    fn wait(&self, now_s: f64, left_s: f64) -> Next {
+        let waits = (0..self.units.len()).filter_map(|unit| {
+            let batch = self.batch(unit, self.max_visits);
+            let wait_s = (self.visited_s(unit) + VISIT_S - now_s).max(0.0);
+            let is_waiting = !batch.cells.is_empty() && wait_s > 0.0;
+            (is_waiting && wait_s + self.cost_s(&batch) <= left_s).then_some(wait_s)
+        });
+        waits.min_by(f64::total_cmp).map_or(Next::End, Next::Wait)
+    }
+
+    /// What is kept for the visits that promised units still lack: what they take, or until the last of them where they lie apart.
+    fn owed_s(&self, min_visits: usize) -> f64 {
+        let (mut all_s, mut longest_s) = (0.0, 0.0_f64);
+        for unit in (0..self.units.len()).filter(|unit| self.units[*unit].is_promised) {
+            let lacking = min_visits.saturating_sub(self.fewest_visits(unit));
+            all_s += self.later_s(unit, lacking);
+            longest_s = longest_s.max(self.apart_s(unit, lacking));
+        }
+        all_s.max(longest_s)
+    }
+
+    /// From so many visits to a unit to the end of the last, as they lie apart.
+    fn apart_s(&self, unit: usize, visits: usize) -> f64 {
+        let between = visits.saturating_sub(1) as f64 * VISIT_S;
+        between + self.later_s(unit, visits.min(1))
+    }
+
+    /// Of so many later visits to a unit.
+    fn later_s(&self, unit: usize, visits: usize) -> f64 {
+        let ClaimUnit { experiment, cells, .. } = &self.units[unit];
+        let timed = cells.iter().filter(|cell| {
+            let state = self.state(unit, **cell);
+            !state.untimed && !state.is_excluded
+        });
+        let later = timed.map(|cell| {
+            CostForecast { finish_s: 0.0, ..self.forecast(*experiment, *cell) }.visit_s()
+        });
+        visits as f64 * later.sum::<f64>()
+    }
+
+    /// Units with a cell that lacks so many visits and whose latest visit is long enough ago.
+    fn due(&self, now_s: f64, visits: usize, of: impl Fn(&ClaimUnit) -> bool) -> Vec<usize> {
+        let is_due = |unit: &usize| {
+            of(&self.units[*unit])
+                && !self.batch(*unit, visits).cells.is_empty()
+                && now_s - self.visited_s(*unit) >= VISIT_S
+        };
+        (0..self.units.len()).filter(is_due).collect()
+    }
+
+    /// All cells of a unit that lack so many visits.
+    fn batch(&self, unit: usize, visits: usize) -> Batch {
+        let ClaimUnit { experiment, cells, .. } = &self.units[unit];
+        let lacking = cells.iter().copied().filter(|cell| self.state(unit, *cell).lacks(visits));
+        Batch { experiment: *experiment, cells: lacking.collect(), is_first: false }
+    }
+
+    fn state(&self, unit: usize, cell: usize) -> &CellState {
+        &self.cells[self.units[unit].experiment][cell]
+    }
+
+    /// Of its timed cells.
+    fn fewest_visits(&self, unit: usize) -> usize {
+        let states = self.units[unit].cells.iter().map(|cell| self.state(unit, *cell));
+        let timed = states.filter(|state| !state.is_excluded && !state.untimed);
+        timed.map(|state| state.visits).min().unwrap_or(usize::MAX)
+    }
+
+    /// The latest visit to a cell of it.
+    fn visited_s(&self, unit: usize) -> f64 {
+        let cells = self.units[unit].cells.iter();
+        cells.map(|cell| self.state(unit, *cell).visited_s).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Foreseen for a batch.
+    fn cost_s(&self, Batch { experiment, cells, .. }: &Batch) -> f64 {
+        cells.iter().map(|cell| self.forecast(*experiment, *cell).visit_s()).sum()
     }
 
     pub fn forecast(&self, experiment: usize, cell: usize) -> CostForecast {

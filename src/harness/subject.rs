@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::collections::hash_map::{Entry, HashMap};
 use std::rc::Rc;
 
+use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -55,6 +56,11 @@ impl Subject {
         if let Some(reason) = beyond.map_err(|e| GpuError::Unusable(e.to_string()))? {
             return Err(GpuError::Limit(reason));
         }
+        self.build_planned(gpu)
+    }
+
+    /// The same where it was compared with the adapter's limits before.
+    pub fn build_planned(&self, gpu: &Gpu) -> Result<Box<AnyPipeline>, GpuError> {
         gpu.catch(|| (self.kind.build)(&self.params, gpu, &self.scene))
     }
 
@@ -122,14 +128,43 @@ impl Subjects {
         scene: &str,
         overrides: &[(String, Value)],
     ) -> Result<Subject, SubjectError> {
-        let (kind, file) = (self.catalog.kind(pipeline)?, self.file(scene)?);
-        let params = self.params(kind, scene, overrides)?;
-        let file = pipelines::apply(&params, &file)?;
+        let kind = self.catalog.kind(pipeline)?;
+        let (params, file, too_large) = self.scene_file(kind, scene, overrides)?;
         let scene_name = scene.to_owned();
-        let too_large = self.too_large(&file);
-        let file = if too_large.is_some() { pipelines::smallest(file) } else { file };
         let scene = self.scene(file)?;
         Ok(Subject { kind, scene_name, scene, params, too_large })
+    }
+
+    /// Makes the scenes of these pipelines, scenes and overrides side by side. What fails is told when its subject is asked for.
+    pub fn make_scenes<'s>(
+        &mut self,
+        wanted: impl IntoIterator<Item = (&'s str, &'s str, &'s [(String, Value)])>,
+    ) {
+        let mut files = Vec::new();
+        for (pipeline, scene, overrides) in wanted {
+            let Ok(kind) = self.catalog.kind(pipeline) else { continue };
+            let Ok((_, file, _)) = self.scene_file(kind, scene, overrides) else { continue };
+            if !files.contains(&file) {
+                files.push(file);
+            }
+        }
+        let make = |file: SceneFile| Scene::build(&file).ok().map(|scene| (file, scene));
+        let made: Vec<_> = files.into_par_iter().filter_map(make).collect();
+        made.into_iter().for_each(|(file, scene)| drop(self.keep(file, scene)));
+    }
+
+    /// The parameters of a subject, its scene file, and why that is too large to be made; it is then that of a small one in its place.
+    fn scene_file(
+        &mut self,
+        kind: PipelineKind,
+        scene: &str,
+        overrides: &[(String, Value)],
+    ) -> Result<(Value, SceneFile, Option<String>), SubjectError> {
+        let params = self.params(kind, scene, overrides)?;
+        let file = pipelines::apply(&params, &self.file(scene)?)?;
+        let too_large = self.too_large(&file);
+        let file = if too_large.is_some() { pipelines::smallest(file) } else { file };
+        Ok((params, file, too_large))
     }
 
     /// The parameters of a subject, checked. No scene is made.
@@ -165,13 +200,18 @@ impl Subjects {
         if let Some((_, scene)) = self.built.iter().find(|(known, _)| *known == file) {
             return Ok(Rc::clone(scene));
         }
-        let scene = Rc::new(Scene::build(&file)?);
+        let scene = Scene::build(&file)?;
+        Ok(self.keep(file, scene))
+    }
+
+    fn keep(&mut self, file: SceneFile, scene: Scene) -> Rc<Scene> {
+        let scene = Rc::new(scene);
         for stand_in in &scene.stand_ins {
             if !self.silent && self.announced.insert(stand_in.clone()) {
                 print::note(format!("stand-in: {stand_in}"));
             }
         }
         self.built.push((file, Rc::clone(&scene)));
-        Ok(scene)
+        scene
     }
 }

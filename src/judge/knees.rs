@@ -3,7 +3,8 @@
 
 use itertools::Itertools;
 
-use fathom_base::statistics::{ALPHA, Interval, median, median_interval, min_samples};
+use fathom_base::statistics::{ALPHA, Interval};
+use fathom_base::visits::{MIN_VISITS, Scale};
 use fathom_experiments::{Quantity, thin_out};
 
 /// A change of an exponent that counts. Chosen: those of two runs agree within 0.1.
@@ -37,16 +38,17 @@ pub struct KneeBracket {
 pub struct ShareAt {
     pub size: f64,
     /// Frame by frame, at least and at most: the time of a stage below the clock's resolution may be anything below that.
-    pub min: Vec<f64>,
-    pub max: Vec<f64>,
+    pub min: Quantity,
+    pub max: Quantity,
 }
 
 /// Where a share of the frame crosses `bound`: every size from there on lies on the other side, by its interval.
 pub fn crossing(points: &[ShareAt], bound: f64) -> Knee {
     let alpha = ALPHA / points.len().max(1) as f64;
     let is_above = |point: &ShareAt| {
-        let is_below = median_interval(&point.max, alpha)?.high < bound;
-        let is_above = median_interval(&point.min, alpha)?.low > bound;
+        let interval = |of: &Quantity| of.estimate(Scale::Factors, alpha).interval;
+        let is_below = interval(&point.max)?.high < bound;
+        let is_above = interval(&point.min)?.low > bound;
         (is_below || is_above).then_some(is_above)
     };
     let sides = points.iter().map(is_above).collect_vec();
@@ -62,13 +64,13 @@ pub fn crossing(points: &[ShareAt], bound: f64) -> Knee {
         (is_clean && stays).then(|| [&points[last_before], &points[first_after]])
     });
     let Some([before, after]) = changed else {
-        let few = points.iter().map(|point| point.min.len()).min().unwrap_or(0);
+        let few = points.iter().filter_map(|point| point.min.n()).min().unwrap_or(0);
         return Knee::NotSettled(
-            too_few(few, alpha)
+            too_few(few)
                 .unwrap_or_else(|| format!("the interval of some size holds {} %", 100.0 * bound)),
         );
     };
-    let shares = [before, after].map(|point| median(&point.min));
+    let shares = [before, after].map(|point| point.min.median());
     let along = (bound - shares[0]) / (shares[1] - shares[0]);
     let at = (before.size.ln() * (1.0 - along) + after.size.ln() * along).exp();
     let between = Interval { low: before.size, high: after.size };
@@ -92,11 +94,12 @@ pub fn change_of_exponent(points: Vec<(f64, Quantity)>) -> Knee {
     let alpha = ALPHA / pairs.len() as f64;
     let (mut seen, mut is_settled, mut fewest) = (Vec::new(), true, usize::MAX);
     for [a, b] in pairs {
-        let difference = steps[b].with(&steps[a], |later, earlier| later - earlier).values();
-        fewest = fewest.min(difference.len());
-        match median_interval(&difference, alpha) {
+        let difference = steps[b].with(&steps[a], |later, earlier| later - earlier);
+        fewest = fewest.min(difference.n().unwrap_or(0));
+        let change = difference.estimate(Scale::Sums, alpha);
+        match change.interval {
             Some(Interval { low, high }) if low > MIN_CHANGE || high < -MIN_CHANGE => {
-                seen.push((b - a, -median(&difference).abs(), [a, b]));
+                seen.push((b - a, -change.median.abs(), [a, b]));
             }
             Some(Interval { low, high }) if low > -MIN_CHANGE && high < MIN_CHANGE => {}
             _ => is_settled = false,
@@ -107,19 +110,18 @@ pub fn change_of_exponent(points: Vec<(f64, Quantity)>) -> Knee {
         Some((_, _, [a, b])) => Knee::Seen(KneeBracket {
             at: (points[a + 1].0 * points[b].0).sqrt(),
             between: Interval { low: points[a].0, high: points[b + 1].0 },
-            before: steps[a].median(),
-            after: steps[b].median(),
+            before: steps[a].estimate(Scale::Sums, alpha).median,
+            after: steps[b].estimate(Scale::Sums, alpha).median,
         }),
         None if is_settled => Knee::NotSeen,
-        None => Knee::NotSettled(too_few(fewest, alpha).unwrap_or_else(|| {
+        None => Knee::NotSettled(too_few(fewest).unwrap_or_else(|| {
             format!("the exponent may change by {MIN_CHANGE} within its intervals")
         })),
     }
 }
 
-fn too_few(samples: usize, alpha: f64) -> Option<String> {
-    let needed = min_samples(alpha);
-    (samples < needed).then(|| format!("too few samples: {samples} of {needed}"))
+fn too_few(visits: usize) -> Option<String> {
+    (visits < MIN_VISITS).then(|| format!("too few visits: {visits} of {MIN_VISITS}"))
 }
 
 #[cfg(test)]
@@ -127,9 +129,17 @@ mod tests {
     use super::*;
     use fathom_experiments::RoundSample;
 
-    /// Twelve samples about a value, apart by so much of it.
-    fn samples(value: f64, spread: f64) -> Vec<f64> {
-        (0..12).map(|n| value * (1.0 + spread * (f64::from(n) / 5.5 - 1.0))).collect()
+    fn sample((visit, value): (u32, f64)) -> RoundSample {
+        RoundSample { round: visit, visit: Some(visit), at_s: 60.0 * f64::from(visit), value }
+    }
+
+    fn visits(values: impl IntoIterator<Item = f64>) -> Quantity {
+        Quantity::Sampled((0..).zip(values).map(sample).collect())
+    }
+
+    /// Twelve visits about a value, apart by so much of it.
+    fn samples(value: f64, spread: f64) -> Quantity {
+        visits((0..12).map(|n| value * (1.0 + spread * (f64::from(n) / 5.5 - 1.0))))
     }
 
     fn shares(of: &[f64], spread: f64) -> Vec<ShareAt> {
@@ -168,12 +178,12 @@ mod tests {
             assert_eq!(between(crossing(&shares(of, spread), 0.5)), expected, "{what}");
         }
         let mut few = shares(&[0.2, 0.8], 0.01);
-        few.iter_mut().for_each(|point| point.min.truncate(5));
+        few.iter_mut().for_each(|point| point.min = visits([0.2; 3]));
         let knee = crossing(&few, 0.5);
-        assert_eq!(knee, Knee::NotSettled("too few samples: 5 of 7".to_owned()));
+        assert_eq!(knee, Knee::NotSettled("too few visits: 3 of 4".to_owned()));
         for size in [0, 1] {
             let mut bounds = shares(&[0.2, 0.8], 0.01);
-            (bounds[size].min, bounds[size].max) = (vec![0.0; 12], vec![0.9; 12]);
+            (bounds[size].min, bounds[size].max) = (visits([0.0; 12]), visits([0.9; 12]));
             assert_eq!(between(crossing(&bounds, 0.5)), Err(false), "size {size} is not known");
         }
     }
@@ -188,8 +198,7 @@ mod tests {
                     let sign = if (n as usize + place).is_multiple_of(2) { 1.0 } else { -1.0 };
                     of(x) * (1.0 + sign * noise)
                 };
-                let samples = (0..24).map(|n| RoundSample { round: n, value: value(n) });
-                (x, Quantity::Sampled(samples.collect()))
+                (x, visits((0..24).map(value)))
             };
             sizes.iter().copied().enumerate().map(reading).collect_vec()
         };

@@ -6,19 +6,22 @@ use itertools::Itertools;
 
 use crate::shift::excludes_zero;
 use fathom_base::statistics::{self, PairSlope};
+use fathom_base::visits::{self, MIN_SPAN_S, MIN_VISITS, Scale, VISIT_S};
 use fathom_record::{Estimate, FrameRecord, Run};
 
-/// Scatter of one frame's time beyond which a run is noisy. On llvmpipe it was 2.5 % in the median cell of a quiet run, and
-/// 12 % on a machine that shares its host. At 5 % a cell needs 38 samples for ±2 %, three times what a short run takes of it.
+/// Scatter between visits beyond which a run is noisy: six visits then give ±5 %. It is that of two fixed kernels beside the frames. In records that tell no visits it is that of one frame's
+/// time, which was 2.5 % on llvmpipe in the median cell of a quiet run, and 12 % on a machine that shares its host.
 const SCATTER: f64 = 0.05;
+/// Change of frame times over a run beyond which it drifts.
+const DRIFT: f64 = 0.02;
 /// Share of the machine's cores that others keep busy, beyond which a run is noisy: on two cores a process that works a fifth of
 /// the time. Of a machine at rest its services take 1 to 3 %.
 const OTHERS: f64 = 0.1;
 /// Stolen time beyond which a run is noisy, in cores. If all of it is taken from the core that measures, times are longer by half
 /// of the ±2 % that are asked.
 const STEAL: f64 = 0.01;
-/// Frame times of one machine correlate over less than 2 s, so medians of such spans of time are nearly independent.
-const SPAN_S: f64 = 10.0;
+/// Medians of spans of time are taken for independent, as visits are.
+const SPAN_S: f64 = VISIT_S;
 /// Spans at most, as pairs grow with the square of them.
 const MAX_SPANS: f64 = 120.0;
 /// A run without a sample for so long was interrupted and resumed. Changes over the pause are not drift.
@@ -56,16 +59,16 @@ pub struct BoundedFigure {
 #[derive(Clone, Debug)]
 pub struct RunVerdict {
     pub noise: Noise,
-    /// The half width that was asked of each cell's frame time, over its median.
-    pub target: f64,
     /// Timed cells.
     pub cells: usize,
-    /// Those of them that reached what was asked.
-    pub precise: usize,
-    /// Of the median cell; infinite where it has too few samples for an interval.
+    /// Those of them whose frame time has an interval.
+    pub with_interval: usize,
+    /// Of the median cell; infinite where it has too few visits for an interval.
     pub half_width: f64,
-    /// Standard deviation of the logarithm of one frame's time without the drift, by its quartiles, in the median cell.
+    /// Standard deviation of the logarithm of a visit's time: of the fixed kernels, where none were run of the median cell's frame.
     pub scatter: f64,
+    /// From the first sample to the last, without pauses.
+    pub seconds: f64,
     pub load: Option<MeanLoad>,
     pub drift: Option<Drift>,
 }
@@ -103,19 +106,20 @@ impl Drift {
 impl RunVerdict {
     /// Of the frames of all timed cells; none where there are none.
     pub fn judge(run: &Run, frames: &[&FrameRecord]) -> Option<Self> {
-        let target = run.asked_precision();
         let widths = frames.iter().map(|frame| frame.untimed.relative_half_width()).collect_vec();
-        let precise = widths.iter().filter(|width| **width <= target).count();
+        let with_interval = widths.iter().filter(|width| width.is_finite()).count();
         let drift = drift(frames);
         let per_minute = drift.map_or(0.0, |drift| drift.per_minute.median);
         let scatters = frames.iter().filter_map(|frame| scatter(frame, per_minute));
-        let scatter = statistics::median(&scatters.collect_vec());
+        let of_cells = || statistics::median(&scatters.collect_vec());
+        let scatter = pacer_scatter(frames).unwrap_or_else(of_cells);
         let machine = run.conditions.machine.as_ref();
         let cores = machine.and_then(|machine| machine.cores).unwrap_or(run.adapter.host_threads);
         let load = load(frames, cores);
         let (cells, half_width) = (frames.len(), statistics::median(&widths));
-        let noise = Noise::Quiet;
-        let mut verdict = Self { noise, target, cells, precise, half_width, scatter, load, drift };
+        let (noise, seconds) = (Noise::Quiet, sessions(frames).iter().map(lasts_s).sum());
+        let mut verdict =
+            Self { noise, cells, with_interval, half_width, scatter, seconds, load, drift };
         verdict.noise = match verdict.exceeded().next().map(|figure| figure.criterion) {
             None => Noise::Quiet,
             Some(Criterion::Drift) => Noise::Drifting,
@@ -133,7 +137,7 @@ impl RunVerdict {
             (Criterion::OtherProcesses, others, OTHERS),
             (Criterion::Steal, steal, STEAL),
             (Criterion::Scatter, self.scatter, SCATTER),
-            (Criterion::Drift, drift, self.target),
+            (Criterion::Drift, drift, DRIFT),
         ]
         .map(|(criterion, value, bound)| BoundedFigure { criterion, value, bound })
     }
@@ -143,13 +147,18 @@ impl RunVerdict {
         self.figures().into_iter().filter(|figure| figure.value.abs() > figure.bound)
     }
 
-    /// Half of the cells or more have the precision that was asked.
-    pub fn is_precise(&self) -> bool {
-        2 * self.precise >= self.cells
+    /// Half of the cells or more have an interval that settles something.
+    pub fn has_intervals(&self) -> bool {
+        2 * self.with_interval >= self.cells && !self.is_short()
+    }
+
+    /// It measured for too short a time: its intervals are of these seconds alone.
+    pub fn is_short(&self) -> bool {
+        self.seconds < MIN_SPAN_S
     }
 }
 
-/// Scatter of the logarithms by their quartiles, which outliers hardly move. None below four samples.
+/// Of the logarithms of visits; where these are not told by the quartiles of samples, which outliers hardly move. None below four.
 fn scatter(frame: &FrameRecord, drift_per_minute: f64) -> Option<f64> {
     /// Between the quartiles of a normal distribution, in standard deviations.
     const QUARTILES: f64 = 1.349;
@@ -157,8 +166,24 @@ fn scatter(frame: &FrameRecord, drift_per_minute: f64) -> Option<f64> {
     let samples = frame.untimed_samples_ns.iter().zip(&frame.sampled_at_s);
     let log = |(ns, at_s): (&f64, &f64)| ns.ln() - drift_per_minute * (at_s - start_s) / 60.0;
     let logs = samples.map(log).collect_vec();
+    if !frame.visits.is_empty() {
+        let visits = visits::medians(&frame.visits, &logs, Scale::Sums);
+        return (visits.len() >= MIN_VISITS).then(|| statistics::deviation(&visits));
+    }
     let quartile = |share| statistics::quantile(&logs, share);
     (logs.len() >= 4).then(|| (quartile(0.75) - quartile(0.25)) / QUARTILES)
+}
+
+/// Of the fixed kernels between spans of time, the larger of both; none where they were not run or spans are too few.
+fn pacer_scatter(frames: &[&FrameRecord]) -> Option<f64> {
+    let readings = frames.iter().flat_map(|frame| frame.sampled_at_s.iter().zip(&frame.pacer_ns));
+    let scatter = |kernel: usize| {
+        let of = readings.clone().map(|(at_s, ns)| ((at_s / SPAN_S) as u64, ns[kernel].ln()));
+        let spans = of.into_group_map().into_values().map(|logs| statistics::median(&logs));
+        let spans = spans.collect_vec();
+        (spans.len() >= MIN_VISITS).then(|| statistics::deviation(&spans))
+    };
+    Some(scatter(0)?.max(scatter(1)?))
 }
 
 fn load(frames: &[&FrameRecord], cores: usize) -> Option<MeanLoad> {
@@ -190,8 +215,7 @@ struct TimeSpan {
 /// one cell are compared, so cells need not be measured at the same time.
 fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
     let sessions = sessions(frames);
-    let lasts_s = |samples: &Vec<UntimedFrame>| Some(samples.last()?.at_s - samples.first()?.at_s);
-    let longest_s = sessions.iter().filter_map(lasts_s).fold(0.0, f64::max);
+    let longest_s = sessions.iter().map(lasts_s).fold(0.0, f64::max);
     let (mut pairs, mut first) = (Vec::new(), 0);
     for spans in sessions.iter().map(|samples| spans(samples)) {
         pairs.extend(slopes(&spans, first));
@@ -200,6 +224,11 @@ fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
     let per_minute = statistics::slope_of_pairs(&pairs)?;
     per_minute.interval?;
     Some(Drift { per_minute, minutes: longest_s / 60.0 })
+}
+
+fn lasts_s(samples: &Vec<UntimedFrame>) -> f64 {
+    let ends = samples.first().zip(samples.last());
+    ends.map_or(0.0, |(first, last)| last.at_s - first.at_s)
 }
 
 /// All samples in the order of time, divided at pauses.

@@ -20,7 +20,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::adapters::AdapterRelation;
 use super::rank;
 use super::store::Comparison;
-use fathom_base::statistics::{Estimate, mean, median};
+use fathom_base::statistics::{Estimate, deviation, median};
 use fathom_record::ThrottleReason;
 use fathom_record::comparison::{
     CellId, ComparisonHeader, GateSettings, MAX_LAUNCHES, MAX_PAIRS, Pair,
@@ -292,13 +292,6 @@ pub fn is_first_complete(comparison: &Comparison) -> bool {
 fn usable(pair: &Pair) -> bool {
     let positive = |ns: f64| ns.is_finite() && ns > 0.0;
     positive(pair.base_ns) && positive(pair.head_ns)
-}
-
-fn deviation(samples: &[f64]) -> f64 {
-    let n = samples.len() as f64;
-    let mean = mean(samples.iter().copied());
-    let squares: f64 = samples.iter().map(|x| (x - mean).powi(2)).sum();
-    (squares / (n - 1.0).max(1.0)).sqrt()
 }
 
 #[cfg(test)]

@@ -202,9 +202,20 @@ pub struct Judge<'a> {
     pub references: &'a mut ReferenceCache,
     /// Errors that take seconds are computed where they are asked for by name.
     pub requested: &'a [String],
+    /// Points that errors of ambient occlusion rest on at most.
+    pub max_points: usize,
 }
 
-impl Judge<'_> {
+/// An RMS over so many independent errors is known to 2 %.
+pub const MAX_POINTS: usize = 1_500;
+/// In the quick profile: to 4 %.
+pub const MAX_POINTS_QUICK: usize = 300;
+
+impl<'a> Judge<'a> {
+    pub fn new(gpu: &'a Gpu, scene: &'a Rc<Scene>, references: &'a mut ReferenceCache) -> Self {
+        Self { gpu, scene, references, requested: &[], max_points: MAX_POINTS }
+    }
+
     /// The content of a question about the scene: its geometry and materials, and what else it is asked by.
     fn question(&mut self, kind: &str, asked: &impl Debug) -> AnswerKey {
         let scene = self.references.geometry.digest(self.scene);

@@ -19,8 +19,6 @@ use fathom_scene::{Camera, Material, Motion, Object, Scene};
 use fathom_stages::gbuffer::GBuffer;
 use image::{Rgb, RgbImage};
 
-/// Points that figures rest on at most: an RMS over so many independent errors is known to 2 %.
-const MAX_POINTS: usize = 1_500;
 /// Rays of the reference at each of them: a low-discrepancy set whose own error is below 0.01.
 const RAYS: u32 = 256;
 /// The same for a picture.
@@ -105,7 +103,7 @@ impl OcclusionBuffers {
     /// where there is one, the means `ao_mean` and `ao_reference_mean`, and the share of points that are falsely occluded. All in units of A, 0 open to 1 closed, over points
     /// of opaque surfaces, against rays that are cast by the same model.
     pub(super) fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let (question, points) = self.points(judge, MAX_POINTS, RAYS)?;
+        let (question, points) = self.points(judge, judge.max_points, RAYS)?;
         let errors_of = |texture: &wgpu::Texture| -> Result<Vec<f64>, JudgeError> {
             Ok(errors(&question, &points, &read_texture(judge.gpu, texture)?))
         };

@@ -280,7 +280,7 @@ mod tests {
     fn stage(work: Work) -> StageRecord {
         let interval = Some(Interval { low: 900.0, high: 1100.0 });
         let time = Estimate { median: 1000.0, interval, n: 8 };
-        StageRecord { time, work, ..StageRecord::new("a", Clock::Timestamp, vec![1000.0]) }
+        StageRecord { time, work, ..StageRecord::new("a", Clock::Timestamp, vec![1000.0], &[]) }
     }
 
     #[test]

@@ -22,7 +22,7 @@ const KEPT_OPTIONS: [(&str, bool); 5] = [
     ("--cell", true),
     ("--shard", true),
     ("--profile", true),
-    ("--precision", true),
+    ("--visits", true),
     ("--no-ceilings", false),
 ];
 /// Options that are to be given again with a run's experiments. What a sweep sets is in its experiment.

@@ -25,14 +25,6 @@ pub enum Profile {
 
 impl Profile {
     pub const ALL: [Profile; 2] = [Profile::Quick, Profile::Paper];
-
-    /// Half the width of a frame time's 95 % interval over its median that is asked unless the user asks for another.
-    pub fn precision(self) -> f64 {
-        match self {
-            Self::Quick => 0.02,
-            Self::Paper => 0.01,
-        }
-    }
 }
 
 /// Whether wgpu's bounds and loop checks are compiled into the shaders.
@@ -133,7 +125,7 @@ pub enum NoteKind {
     Incomplete,
     /// The cell was written while it was measured: figures other than times are not read yet.
     Unfinished,
-    /// Some samples are of an earlier run.
+    /// The run was extended: some samples are of before.
     Resumed,
     /// The frame time still fell when warm-up was given up.
     Unsteady,

@@ -90,7 +90,7 @@ pub struct Run {
     /// RFC 3339, UTC.
     pub started_at: String,
     pub profile: Profile,
-    /// What was asked of each cell: half the width of the frame time's 95 % interval over its median. Absent where it was the profile's.
+    /// In records of before, what was asked of each cell: half the width of the frame time's 95 % interval over its median.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
     /// Arguments of the program, its name first.
@@ -123,13 +123,6 @@ pub struct Run {
     pub shard: Option<Part>,
     /// On the whole run.
     pub notes: Vec<Note>,
-}
-
-impl Run {
-    /// The precision that was asked; where the record has none, the profile's.
-    pub fn asked_precision(&self) -> f64 {
-        self.precision.unwrap_or_else(|| self.profile.precision())
-    }
 }
 
 /// The revision that a program was built of. What a development build reads from its checkout when it runs may be newer: shaders,
@@ -462,11 +455,18 @@ pub struct FrameRecord {
     /// The round of sampling that each sample is of, those of the stages too: samples of one round were taken next to each
     /// other. No two groups of cells have a round in common.
     pub rounds: Vec<u32>,
+    /// The visit that each sample is of: samples of one visit were taken within 10 s, and intervals are over visits. Empty in records of
+    /// before, whose intervals are over samples.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub visits: Vec<u32>,
     /// When each sample was taken, seconds of Unix time.
     pub sampled_at_s: Vec<f64>,
     /// Of the adapter at each sample; empty where no driver tells.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub machine: Vec<MachineState>,
+    /// How long two fixed kernels took just before each sample, arithmetic and writes to memory, nanoseconds; empty in records of before.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pacer_ns: Vec<[f64; 2]>,
     /// From the first stage's begin to the last stage's end, nanoseconds, frame by frame.
     pub envelope_samples_ns: Vec<f64>,
     /// Time between stages, nanoseconds, frame by frame.
@@ -475,7 +475,7 @@ pub struct FrameRecord {
     pub accounting_error: f64,
     /// Frame time without per-stage timing, nanoseconds, in alternation with timed frames.
     pub untimed_samples_ns: Vec<f64>,
-    /// Of `untimed_samples_ns`, nanoseconds.
+    /// Of `untimed_samples_ns` over visits, nanoseconds.
     pub untimed: Estimate,
     /// Timed over untimed frame's wall time, a ratio, measured in alternation: the cost of timing.
     pub timing_cost: Estimate,

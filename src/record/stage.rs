@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{CeilingShare, Clock, Estimate, ceilings};
-use fathom_base::statistics;
+use fathom_base::visits;
 
 /// A stage's times and work in one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -16,7 +16,7 @@ pub struct StageRecord {
     pub clock: Clock,
     /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
     pub samples_ns: Vec<f64>,
-    /// Of `samples_ns`, nanoseconds. Its median is a time only where it is above the resolution of `fenced`.
+    /// Of `samples_ns` over visits, nanoseconds. Its median is a time only where it is above the resolution of `fenced`.
     pub time: Estimate,
     /// How the samples came about, where the cost of submissions was taken off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -38,12 +38,17 @@ pub struct StageRecord {
 }
 
 impl StageRecord {
-    /// A stage with these samples, of which nothing else is known.
-    pub fn new(stage: impl Into<String>, clock: Clock, samples_ns: Vec<f64>) -> Self {
+    /// A stage with these samples of these visits, of which nothing else is known.
+    pub fn new(
+        stage: impl Into<String>,
+        clock: Clock,
+        samples_ns: Vec<f64>,
+        visits: &[u32],
+    ) -> Self {
         Self {
             stage: stage.into(),
             clock,
-            time: statistics::estimate(&samples_ns),
+            time: visits::estimate_of_samples(&samples_ns, visits),
             samples_ns,
             fenced: None,
             work: Work::default(),

@@ -53,7 +53,7 @@ const STAGE_COLUMNS: [(&str, StageField); 13] = [
     ("p95_ns", |stage| tail(resolved_samples(stage), 0.95)),
     ("p99_ns", |stage| tail(resolved_samples(stage), 0.99)),
     ("max_ns", |stage| tail(resolved_samples(stage), 1.0)),
-    ("samples", |stage| stage.time.n.to_string()),
+    ("samples", |stage| stage.samples_ns.len().to_string()),
     ("submit_cost_median_ns", |stage| fenced(stage, |of| median(&of.submit_cost_samples_ns))),
     ("resolution_ns", |stage| fenced(stage, |of| of.resolution_ns)),
     ("limit", |stage| stage.ceiling.as_ref().map_or("", |of| of.limit.name()).to_owned()),
@@ -67,14 +67,17 @@ const ERROR_COLUMNS: [(&str, ErrorField); 3] = [
     ("error_unit", |error| error.unit.clone()),
 ];
 
-const FRAME_COLUMNS: [(&str, FrameField); 16] = [
+const FRAME_COLUMNS: [(&str, FrameField); 17] = [
     ("frame_untimed_median_ns", |cell| middle(&cell.frame.untimed)),
     ("frame_untimed_low_ns", |cell| end(&cell.frame.untimed, |interval| interval.low)),
     ("frame_untimed_high_ns", |cell| end(&cell.frame.untimed, |interval| interval.high)),
     ("frame_untimed_p95_ns", |cell| tail(&cell.frame.untimed_samples_ns, 0.95)),
     ("frame_untimed_p99_ns", |cell| tail(&cell.frame.untimed_samples_ns, 0.99)),
     ("frame_untimed_max_ns", |cell| tail(&cell.frame.untimed_samples_ns, 1.0)),
-    ("frame_untimed_samples", |cell| cell.frame.untimed.n.to_string()),
+    ("frame_untimed_samples", |cell| cell.frame.untimed_samples_ns.len().to_string()),
+    ("visits", |cell| {
+        cell.frame.visits.last().map_or_else(String::new, |last| (last + 1).to_string())
+    }),
     ("frame_energy_j", |cell| optional(energy_j(cell))),
     ("accounting_error", |cell| number(cell.frame.accounting_error)),
     ("timing_cost", |cell| number(cell.frame.timing_cost.median)),
@@ -275,6 +278,7 @@ mod tests {
         let mut records = fixtures::run();
         let measured = fixtures::cells(&mut records).find_map(Cell::measured_mut);
         let stage = &mut measured.unwrap().stages[0];
+        stage.samples_ns.truncate(7);
         stage.time =
             Estimate { median: 5e4, interval: Some(Interval { low: 5e4, high: 6e4 }), n: 7 };
         stage.fenced = Some(Fenced {

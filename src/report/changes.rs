@@ -188,7 +188,7 @@ fn time_rows([base, head]: &[&Cell; 2]) -> Vec<[String; 5]> {
     let row = |time: &str, [before, after]: [String; 2], ratio: f64| {
         [cell_name(head), time.to_owned(), before, after, three(ratio)]
     };
-    let frames = [b, h].map(|of| ms(&of.frame.untimed, &of.frame.untimed_samples_ns));
+    let frames = [b, h].map(|of| ms(&of.frame.untimed));
     let frame = row("frame", frames, h.frame.untimed.median / b.frame.untimed.median);
     let stages = h.stages.iter().filter_map(|after| {
         let before = b.stages.iter().find(|before| before.stage == after.stage)?;

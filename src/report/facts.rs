@@ -7,7 +7,7 @@ use itertools::Itertools;
 use super::charts::names;
 use super::format::{self, percent};
 use super::{Report, Section};
-use fathom_base::statistics;
+use fathom_base::visits;
 use fathom_experiments as experiments;
 use fathom_experiments::defaults::{self, CellSettings, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
@@ -57,13 +57,14 @@ pub struct StageShare<'a> {
 impl<'a> Representative<'a> {
     /// Every stage in frame order.
     pub fn stages(&self) -> Vec<StageShare<'a>> {
-        let stages = &self.measured.stages;
+        let Measured { stages, frame, .. } = self.measured;
+        let visits = &frame.visits;
         let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
         let sum = |frame: usize| stages.iter().map(|stage| stage.samples_ns[frame]).sum::<f64>();
         let sums = (0..frames).map(sum).collect_vec();
         let share = |stage: &'a StageRecord| {
             let shares = stage.samples_ns.iter().zip(&sums).map(|(ns, sum)| ns / sum).collect_vec();
-            StageShare { stage, share: statistics::estimate(&shares) }
+            StageShare { stage, share: visits::estimate_of_samples(&shares, visits) }
         };
         stages.iter().map(share).collect()
     }
@@ -262,16 +263,15 @@ pub struct Exponent<'v, 'a> {
     pub fit: Scaling,
 }
 
-/// The exponent that claims rest on, with its interval: `0.98 (0.95 – 1.01)`; of cells that were measured apart it says so.
+/// The exponent that claims rest on, with its interval: `0.98 (0.95 – 1.01)`.
 pub fn exponent(fit: &Scaling) -> String {
     // Without a minus before what is rounded to zero.
     let two = |value: f64| format!("{:.2}", if value.abs() < 0.005 { 0.0 } else { value });
     let value = two(fit.exponent());
-    let value = match fit.interval() {
+    match fit.interval() {
         Some(Interval { low, high }) => format!("{value} ({} – {})", two(low), two(high)),
         None => value,
-    };
-    if fit.is_apart() { value + " of medians" } else { value }
+    }
 }
 
 /// The exponents of all scaling plots, in the order of the plan. Plots over categories have none.

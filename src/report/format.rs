@@ -21,15 +21,13 @@ pub fn three(value: f64) -> String {
     }
 }
 
-/// A duration in milliseconds with its interval, `12.3 (12.1 – 12.6)`; where there is none, the samples: `12.1; 12.3; 12.6`.
-pub fn ms(ns: &Estimate, samples_ns: &[f64]) -> String {
+/// A duration in milliseconds with its interval, `12.3 (12.1 – 12.6)`; where there is none with its visits: `12.3 (n = 2)`.
+pub fn ms(ns: &Estimate) -> String {
+    let in_ms = ns.scaled(1.0 / NS_PER_MS);
     match ns.interval {
-        Some(_) => interval(&ns.scaled(1.0 / NS_PER_MS)),
-        None if samples_ns.is_empty() => "–".to_owned(),
-        None => {
-            let samples: Vec<String> = samples_ns.iter().map(|ns| three(ns / NS_PER_MS)).collect();
-            samples.join("; ")
-        }
+        Some(_) => interval(&in_ms),
+        None if ns.n == 0 => "–".to_owned(),
+        None => format!("{} (n = {})", three(in_ms.median), ns.n),
     }
 }
 
@@ -46,7 +44,7 @@ pub fn interval(figure: &Estimate) -> String {
 /// A stage's time in milliseconds with its interval; `< 0.0500` where it is below what the clock can tell from none.
 pub fn stage_ms(stage: &StageRecord) -> String {
     if stage.is_resolved() {
-        ms(&stage.time, &stage.samples_ns)
+        ms(&stage.time)
     } else {
         format!("< {}", three(stage.resolution_ns() / NS_PER_MS))
     }

@@ -10,21 +10,23 @@ use fathom_judge::verdict::Verdicts;
 
 pub fn tone(verdict: &RunVerdict) -> Tone {
     match verdict.noise {
-        Noise::Quiet if verdict.is_precise() => Tone::Good,
+        Noise::Quiet if verdict.has_intervals() => Tone::Good,
         Noise::Quiet => Tone::Neutral,
         Noise::Drifting | Noise::Noisy => Tone::Open,
     }
 }
 
-/// `noisy run: frame times scatter by 8.42 % (bound 5 %); 7 % of 223 timed cells reached ±2 %`
+/// `noisy run: frame times scatter by 8.42 % (bound 5 %); 180 of 223 timed cells have an interval`
 pub fn headline(verdict: &RunVerdict) -> String {
-    let RunVerdict { noise, cells, precise, target, .. } = verdict;
-    let share = (100.0 * *precise as f64 / *cells as f64).round();
+    let RunVerdict { noise, cells, with_interval, seconds, .. } = verdict;
     let [.., scatter, _] = verdict.figures();
     let is_scatter_known = *noise == Noise::Quiet && scatter.value.is_finite();
     let figures = verdict.exceeded().chain(is_scatter_known.then_some(scatter));
-    let reached = format!("{share} % of {cells} timed cells reached ±{}", short_percent(*target));
-    let words = figures.map(|figure| bounded(&figure)).chain([reached]).join("; ");
+    let have = format!("{with_interval} of {cells} timed cells have an interval");
+    let short = verdict.is_short().then(|| {
+        format!("within {seconds:.0} s: intervals are of these seconds alone and settle nothing")
+    });
+    let words = figures.map(|figure| bounded(&figure)).chain([have]).chain(short).join("; ");
     format!("{noise} run: {words}")
 }
 
@@ -55,7 +57,7 @@ fn short_percent(share: f64) -> String {
     format!("{} %", trim_zeros(&three(100.0 * share)))
 }
 
-/// What it was measured by: `half width of the median cell 3.6 %, scatter of one frame's time 8.4 %, …`
+/// What it was measured by: `half width of the median cell 3.6 %, scatter 8.4 %, …`
 pub fn figures(verdict: &RunVerdict) -> String {
     let [half_width, scatter] = [verdict.half_width, verdict.scatter].map(percent);
     let load = match verdict.load {
@@ -68,9 +70,7 @@ pub fn figures(verdict: &RunVerdict) -> String {
     };
     let drift =
         verdict.drift.map_or_else(String::new, |of_run| format!(", drift {}", drift(&of_run)));
-    format!(
-        "half width of the median cell {half_width}, scatter of one frame's time {scatter}, {load}{drift}"
-    )
+    format!("half width of the median cell {half_width}, scatter {scatter}, {load}{drift}")
 }
 
 /// `-3.90 % a minute (-4.20 to -3.60)`
@@ -93,8 +93,8 @@ pub fn to_do(verdict: &RunVerdict) -> Option<String> {
         (place == 0 || figure.criterion != Criterion::Scatter).then(|| words(figure.criterion)[2])
     };
     let causes = verdict.exceeded().enumerate().filter_map(of_cause);
-    let samples = "add samples: resume the run with --budget 10m";
-    let advice = causes.chain((!verdict.is_precise()).then_some(samples)).join("; ");
+    let visits = "add visits: resume the run with --budget 10m";
+    let advice = causes.chain((!verdict.has_intervals()).then_some(visits)).join("; ");
     (!advice.is_empty()).then(|| format!("to do: {advice}"))
 }
 
@@ -121,18 +121,20 @@ mod tests {
 
     #[test]
     fn a_verdict_names_the_figures_beyond_their_bounds_and_what_to_do() {
-        let (target, half_width, cells, precise) = (0.02, 0.03, 9, 3);
+        let (half_width, cells, with_interval, seconds) = (0.03, 9, 3, 200.0);
         let load = Some(MeanLoad { others: 0.3, steal: 0.0, cores: 2 });
         let (noise, scatter, drift) = (Noise::Noisy, 0.084, None);
         let verdict =
-            RunVerdict { noise, target, cells, precise, half_width, scatter, load, drift };
+            RunVerdict { noise, cells, with_interval, half_width, scatter, seconds, load, drift };
         let busy = "noisy run: other processes took 15 % of the cores (bound 10 %); ";
         let scatter =
-            "frame times scatter by 8.4 % (bound 5 %); 33 % of 9 timed cells reached ±2 %";
+            "frame times scatter by 8.4 % (bound 5 %); 3 of 9 timed cells have an interval";
         assert_eq!(headline(&verdict), format!("{busy}{scatter}"));
-        assert!(to_do(&verdict).unwrap().starts_with("to do: close other programs; add samples"));
+        assert!(to_do(&verdict).unwrap().starts_with("to do: close other programs; add visits"));
         let verdict = RunVerdict { load: None, ..verdict };
         assert_eq!(headline(&verdict), format!("noisy run: {scatter}"));
         assert!(to_do(&verdict).unwrap().starts_with("to do: use a quieter machine; add"));
+        let short = headline(&RunVerdict { seconds: 41.0, ..verdict });
+        assert!(short.contains("; within 41 s: intervals are of these seconds"), "{short}");
     }
 }

@@ -8,10 +8,9 @@ use super::document::{Block, ColumnKind, Field, Line, Table};
 use super::facts::exponent;
 use super::format::{self, percent, si, three};
 use super::{Report, Section};
-use fathom_base::statistics;
 use fathom_experiments::schema::FIXED_SHARE;
 use fathom_experiments::words;
-use fathom_experiments::{Experiment, Measure, groups, label_text, scaling};
+use fathom_experiments::{Experiment, Measure, Quantity, groups, label_text, scaling};
 use fathom_judge::knees::{Knee, KneeBracket, ShareAt, change_of_exponent, crossing};
 use fathom_record::{Cell, ErrorFigure, Measured, Outcome, StageRecord};
 
@@ -70,7 +69,7 @@ impl<'v> Sizes<'v> {
         let mut own = self
             .columns()
             .filter_map(|(_, of_cell)| Some(shares(of_cell, find_stage(of_cell, stage)?)));
-        own.all(|(_, max)| statistics::median(&max) < SMALL_SHARE)
+        own.all(|[_, max]| max.median() < SMALL_SHARE)
     }
 
     /// Stages by sizes, each with its interval, and below a stage the errors of its result.
@@ -95,9 +94,7 @@ impl<'v> Sizes<'v> {
             }));
             rows.extend(small.iter().flat_map(|stage| self.errors(stage)));
         }
-        rows.push(self.row("whole frame", |measured| {
-            Some(format::ms(&measured.frame.untimed, &measured.frame.untimed_samples_ns))
-        }));
+        rows.push(self.row("whole frame", |measured| Some(format::ms(&measured.frame.untimed))));
         let numbers = values.iter().map(String::as_str).collect_vec();
         let table = Table::new("Stage times", titles).with(ColumnKind::Numbers, &numbers);
         let left =
@@ -147,7 +144,7 @@ impl<'v> Sizes<'v> {
 
     fn stage_growth(&self, stage: &str) -> [Line; 4] {
         let points = self.columns().filter_map(|(cell, measured)| {
-            let (min, max) = shares(measured, find_stage(measured, stage)?);
+            let [min, max] = shares(measured, find_stage(measured, stage)?);
             Some(ShareAt { size: self.size(cell, measured)?, min, max })
         });
         let points = points.sorted_by(|a, b| a.size.total_cmp(&b.size)).collect_vec();
@@ -156,7 +153,7 @@ impl<'v> Sizes<'v> {
             Knee::Seen(seen) if seen.before > seen.after => format!("up to {}", place(seen)),
             Knee::Seen(seen) => format!("from {}", place(seen)),
             Knee::NotSeen => {
-                let first = points.first().map_or(0.0, |point| statistics::median(&point.min));
+                let first = points.first().map_or(0.0, |point| point.min.median());
                 let side = if first > self.share { "more" } else { "less" };
                 format!("not seen in this range: {side} at every size")
             }
@@ -209,7 +206,7 @@ fn find_stage<'m>(measured: &'m Measured, stage: &str) -> Option<&'m StageRecord
 }
 
 /// A stage's share of the sum of all, frame by frame, at least and at most.
-fn shares(measured: &Measured, stage: &StageRecord) -> (Vec<f64>, Vec<f64>) {
+fn shares(measured: &Measured, stage: &StageRecord) -> [Quantity; 2] {
     let frames = measured.stages.iter().map(|of| of.samples_ns.len()).min().unwrap_or(0);
     let share = |frame: usize| {
         let sum = |are_bounds_counted: bool| {
@@ -222,7 +219,8 @@ fn shares(measured: &Measured, stage: &StageRecord) -> (Vec<f64>, Vec<f64>) {
         let max = own / (sum(false) + if is_bound { own } else { 0.0 });
         (if is_bound { 0.0 } else { own / sum(true) }, max)
     };
-    (0..frames).map(share).unzip()
+    let (min, max): (Vec<f64>, Vec<f64>) = (0..frames).map(share).unzip();
+    [min, max].map(|shares| Quantity::from_frames(&measured.frame, &shares))
 }
 
 /// Why a cell has no column.

@@ -7,8 +7,9 @@ use itertools::Itertools;
 
 use super::facts::share;
 use super::{Report, Section, noise};
-use fathom_base::statistics;
-use fathom_experiments::{CHANCE, Verdict, min_samples};
+use fathom_base::statistics::ALPHA;
+use fathom_base::visits::{MIN_VISITS, Scale};
+use fathom_experiments::{CHANCE, Verdict};
 use fathom_judge::clocks::{ClockTrust, clocks};
 use fathom_record::{
     Cell, Clock, Conditions, Estimate, Interval, PassKind, Run, SetUp, Throttling, machine,
@@ -70,7 +71,7 @@ pub fn conditions(run: &Run) -> String {
 pub fn facts(view: &Report<'_>) -> impl Iterator<Item = (&'static str, String)> {
     let all = [
         ("noise", view.verdict.as_ref().map(noise::figures)),
-        ("cells with few samples", few_samples(view)),
+        ("visits", visits(view)),
         ("cost of timing", timing_cost(view)),
         ("throttled by heat or power", throttled(view)),
         ("verdicts by chance", false_alarms(view)),
@@ -78,35 +79,35 @@ pub fn facts(view: &Report<'_>) -> impl Iterator<Item = (&'static str, String)> 
     all.into_iter().filter_map(|(about, words)| Some((about, words?)))
 }
 
-/// Timed cells with fewer samples than a verdict needs.
-fn few_samples(view: &Report<'_>) -> Option<String> {
-    let needed = min_samples();
-    let counts: Vec<usize> = view.timed().map(|(_, cell)| cell.frame.untimed.n).collect();
-    let fewest = counts.iter().min()?;
-    let few = counts.iter().filter(|n| **n < needed).count();
-    if few == 0 {
-        return Some(format!("every cell has at least {fewest} samples; a verdict needs {needed}"));
+/// Timed cells with fewer visits than an interval takes.
+fn visits(view: &Report<'_>) -> Option<String> {
+    let frames = || view.timed().map(|(_, cell)| &cell.frame);
+    let all = frames().count();
+    if all > 0 && frames().all(|frame| frame.visits.is_empty()) {
+        let words = "not told: intervals are over samples of the same seconds, and claims are judged by the rule of that time. Another \
+                     minute's figures lie outside such an interval more often than in 5 of 100";
+        return Some(words.to_owned());
     }
-    let all = counts.len();
+    let fewest = frames().map(|frame| frame.untimed.n).min()?;
+    let few = frames().filter(|frame| frame.untimed.n < MIN_VISITS).count();
+    if few == 0 {
+        return Some(format!("every cell has at least {fewest}; an interval takes {MIN_VISITS}"));
+    }
     Some(format!(
-        "{few} of {all} cells have fewer than the {needed} samples that a verdict needs; the least is {fewest}"
+        "{few} of {all} cells have fewer than the {MIN_VISITS} that an interval takes; the least is {fewest}"
     ))
 }
 
-/// The cost of timing, as timed over untimed frame time: over the pairs of all cells, since the few pairs of one cell show mostly noise;
-/// and of the cell where it is highest.
+/// The cost of timing, as timed over untimed frame time: over all cells, since the few pairs of one cell show mostly noise; and of the
+/// cell where it is highest.
 fn timing_cost(view: &Report<'_>) -> Option<String> {
-    let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
-    let costs = frames().map(|(cell, frame)| (cell, &frame.timing_cost));
-    let costs = costs.filter(|(_, cost)| cost.median.is_finite() && cost.n > 0);
-    let (cell, worst) = costs.max_by(|a, b| a.1.median.total_cmp(&b.1.median))?;
-    let pairs = frames().flat_map(|(_, frame)| {
-        let timed = frame.envelope_samples_ns.iter().copied();
-        timed.zip(frame.untimed_samples_ns.iter().copied())
-    });
-    let all = statistics::ratio_estimate(&pairs.collect_vec());
+    let costs = view.timed().map(|(cell, measured)| (cell, &measured.frame.timing_cost));
+    let costs = costs.filter(|(_, cost)| cost.median.is_finite() && cost.n > 0).collect_vec();
+    let (cell, worst) = costs.iter().max_by(|a, b| a.1.median.total_cmp(&b.1.median)).copied()?;
+    let medians = costs.iter().map(|(_, cost)| cost.median).collect_vec();
+    let all = fathom_base::visits::estimate(&medians, Scale::Factors, ALPHA);
     Some(format!(
-        "{} over all {} pairs of frames; at worst {} ({}, n = {})",
+        "{} over {} cells; at worst {} ({}, n = {})",
         extra(&all),
         all.n,
         extra(worst),
@@ -200,15 +201,16 @@ mod tests {
     }
 
     #[test]
-    fn few_samples_are_counted() {
+    fn few_visits_are_counted_and_records_without_them_said_so() {
         let mut records = fixtures::run();
-        let words = few_samples(&Report::new(&records, None)).unwrap();
-        assert!(words.starts_with("every cell has at least 15 samples"), "{words}");
-        let fewest = min_samples() - 1;
+        let words = visits(&Report::new(&records, None)).unwrap();
+        assert!(words.starts_with("every cell has at least 5;"), "{words}");
         let cells = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
-        cells.take(2).for_each(|measured| measured.frame.untimed.n = fewest);
-        let words = few_samples(&Report::new(&records, None)).unwrap();
-        let end = format!("the least is {fewest}");
-        assert!(words.starts_with("2 of ") && words.ends_with(&end), "{words}");
+        cells.take(2).for_each(|measured| measured.frame.untimed.n = 3);
+        let words = visits(&Report::new(&records, None)).unwrap();
+        assert!(words.starts_with("2 of ") && words.ends_with("the least is 3"), "{words}");
+        let cells = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
+        cells.for_each(|measured| measured.frame.visits.clear());
+        assert!(visits(&Report::new(&records, None)).unwrap().starts_with("not told: "));
     }
 }

@@ -164,7 +164,7 @@ fn set_value(tree: &mut Value, path: &str, value: &Value) -> bool {
 /// Errors and quantities of a frame, judged by a scene.
 fn figures(rig: &Rig<'_>, frame: &AnyPipeline, scene: &Rc<Scene>) -> Result<BTreeMap<String, f64>> {
     let mut known = ReferenceCache::default();
-    let mut judge = Judge { gpu: rig.gpu, scene, references: &mut known, requested: &[] };
+    let mut judge = Judge::new(rig.gpu, scene, &mut known);
     let judged = frame.judge(&mut judge).map_err(|error| rig.invalid(&error))?;
     let errors = judged.errors.into_iter().map(|error| (error.name, error.value));
     Ok(errors.chain(judged.quantities).chain(frame.quantities(rig.gpu)?).collect())

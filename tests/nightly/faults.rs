@@ -19,7 +19,7 @@ scene = "corner"
 params = { view = { width = 16, height = 16 } }
 sweep = [{ axis."voxel.resolution".values = [16, 20, 24, 32, 40] }]
 "#;
-const RUN: &str = "run faulty.toml --out out --budget 600 --precision 1 --no-ceilings --seed 1";
+const RUN: &str = "run faulty.toml --out out --budget 600 --visits 1 --no-ceilings --seed 1";
 
 /// A folder with the layer, which a C compiler builds, and the experiment.
 fn place() -> Place {

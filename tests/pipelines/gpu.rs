@@ -126,7 +126,7 @@ fn stages_and_gaps_make_up_the_envelope() {
             assert_eq!(clocks, kinds.map(|kind| plan.clock(kind)).repeat(2));
             // Readings are whole nanoseconds since a start, and differences are taken of them.
             let mut samples = Samples::default();
-            samples.add(sample, 1.0, 0, 0.0, None);
+            samples.add(sample, 1.0, 0, 0.0, None, None);
             assert!(accounting_error(&samples) < 1e-6, "{samples:?}");
             assert!(timer.run_stages(&gpu, &frame).expect("the frame runs") > 0.0);
         }

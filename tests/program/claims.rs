@@ -1,4 +1,4 @@
-//! A run of an experiment with claims: its summary tells their verdicts, and rests on few samples for none; clocks, and what a cell costs the CPU
+//! A run of an experiment with claims: its summary tells their verdicts, and rests on few visits for none; clocks, and what a cell costs the CPU
 //! beside its frames. That false sentences are contradicted and true ones supported is tested in `experiments::claims`.
 
 use crate::common::{Ends, Place, cells, holds, records};
@@ -45,7 +45,7 @@ test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", high = 1.3 }
 fn measured(experiment: &str) -> Place {
     let place = Place::new();
     place.write("planted.toml", experiment);
-    place.fathom("run --no-ceilings planted.toml --budget 10m --precision 1 --out out").ends(0);
+    place.fathom("run --no-ceilings planted.toml --budget 10m --visits 4 --out out").ends(0);
     place
 }
 
@@ -70,8 +70,6 @@ fn one_cell_tells_what_it_costs_the_cpu(cells: &[Cell]) {
     let mut spent =
         host.stages.iter().map(|stage| &stage.encode).chain([&host.encode, &host.submit]);
     assert!(spent.all(|spent| spent.median > 0.0 && spent.interval.is_some()), "{host:?}");
-    let creation = host.creation.as_ref().expect("no cell before it has made its pipelines");
-    assert!(creation.pipelines > 0 && creation.first_ns > 0.0 && creation.again_ns > 0.0);
 }
 
 fn rulings(experiment: &str, cells: &[Cell]) -> Vec<Ruling> {
@@ -79,15 +77,15 @@ fn rulings(experiment: &str, cells: &[Cell]) -> Vec<Ruling> {
     experiment.rulings(&cells.iter().collect::<Vec<_>>(), true)
 }
 
-/// All cells were sampled together at least up to a look, no verdict rests on fewer than 8 samples, and the summary counts the verdicts.
+/// All cells were visited together, no verdict rests on fewer than four visits, and the summary counts the verdicts.
 #[track_caller]
 fn agrees_with_itself(cells: &[Cell], summary: &str) {
     let rounds: Vec<_> = cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds).collect();
     let together = rounds[0].iter().filter(|round| rounds.iter().all(|all| all.contains(round)));
-    assert!(together.count() >= 12, "sampled together: {rounds:?}");
+    assert!(together.count() >= 8, "sampled together: {rounds:?}");
     let rulings = rulings(PLANTED, cells);
     for ruling in &rulings {
-        assert!(!ruling.verdict.is_settled() || ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
+        assert!(!ruling.verdict.is_settled() || ruling.n.is_some_and(|n| n >= 4), "{ruling:?}");
     }
     let told = summary.lines().find(|line| line.contains(", of 3")).expect(summary);
     for (verdict, count) in rulings.iter().counts_by(|ruling| ruling.verdict) {

@@ -142,7 +142,7 @@ fn a_doctor_without_an_adapter_says_what_to_install() {
 /// A run of the default frame into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {
     let words =
-        "run uw-default --cell base --no-ceilings --budget 10m --precision 1 --seed 1 --out out";
+        "run uw-default --cell base --no-ceilings --budget 10m --visits 1 --seed 1 --out out";
     place.fathom(format!("{words} {SMALL} {options}"))
 }
 
@@ -227,7 +227,7 @@ fn samples_smooth_a_picture() {
 #[test]
 fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let place = Place::new();
-    let run = "run vao-guard --no-ceilings --profile quick --budget 10m --precision 1 --out out";
+    let run = "run vao-guard --no-ceilings --profile quick --budget 10m --visits 1 --out out";
     let cell = "--axis scene=corner --axis ao.guard=variable";
     let small =
         "--set view.width=48 --set view.height=48 --set voxel.resolution=32 --set shadow.size=64";

@@ -17,10 +17,10 @@ use rand_pcg::Pcg64;
 const RUN: &str =
     "run uw-waves --no-ceilings --axis water=circular --axis water.amplitude_m=0.0,0.1";
 
-/// A precision that no cell reaches.
-const UNENDING: &str = "--precision 1e-9 --budget 10m";
-/// One that a cell reaches at once.
-const AT_ONCE: &str = "--precision 1 --budget 10m";
+/// Visits that no cell reaches.
+const UNENDING: &str = "--visits 1000 --budget 10m";
+/// One visit, and the run ends.
+const AT_ONCE: &str = "--visits 1 --budget 10m";
 
 /// The same into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {

@@ -8,7 +8,7 @@ use fathom::record::{Feature, Mask, NoteKind, Record, earlier};
 fn a_masked_run_is_not_taken_for_the_adapters_own() {
     let place = Place::new();
     let run = format!(
-        "run uw-default --cell base --no-ceilings --precision 1 --budget 10m {SMALL} --out out"
+        "run uw-default --cell base --no-ceilings --visits 1 --budget 10m {SMALL} --out out"
     );
     let masked = "--without float32-blendable --without timestamp-query";
     place.fathom(format!("{run} {masked}")).ends(0);

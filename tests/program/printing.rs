@@ -83,7 +83,7 @@ fn what_measures_keeps_everything_whatever_can_be_printed() {
     for (words, file) in [
         ("dump caustics/trace --scene plane -o .", "caustics-trace-photons.npy"),
         (
-            "run uw-default --cell base --budget 10m --precision 1 --no-ceilings --out run",
+            "run uw-default --cell base --budget 10m --visits 1 --no-ceilings --out run",
             "run/summary.md",
         ),
     ] {

@@ -15,7 +15,7 @@ const VARIABLES: [&str; 7] =
     ["HOME", "HOSTNAME", "LOGNAME", "USER", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR", "ANOTHER"];
 /// Status and words. HERE is the marked folder, beneath which another one is the current folder.
 const COMMANDS: &str = "\
-    0 run --no-ceilings --budget 10m --precision 1 --shard 1/1 HERE/own.toml --out HERE/out
+    0 run --no-ceilings --budget 10m --visits 1 --shard 1/1 HERE/own.toml --out HERE/out
     0 report HERE/out
     0 export plots HERE/out -o HERE/plots
     0 export claims HERE/out -o HERE/claims.md

@@ -105,7 +105,7 @@ fn shards_that_were_measured_make_a_run() {
         place.write(format!("own-{number}.toml"), own_experiment(number));
     }
     let run = |part: &str, options: &str| {
-        let run = "run own-1.toml own-2.toml --budget 10m --precision 1 --no-ceilings";
+        let run = "run own-1.toml own-2.toml --budget 10m --visits 1 --no-ceilings";
         place.fathom(format!("{run} --shard {part} {options}"))
     };
     run("1/2", "--out shard-1").ends(0);

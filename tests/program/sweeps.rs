@@ -17,7 +17,7 @@ fn a_sweep_over_a_mesh_prints_tables_and_leaves_its_experiment() {
     let place = Place::new();
     let elsewhere = Place::new();
     let mesh = elsewhere.write("own.glb", glb(GLTF, &fan())).display().to_string();
-    let sweep = format!("sweep volume_ao --scene {mesh} {SIZES} --camera 10,40 --precision 1");
+    let sweep = format!("sweep volume_ao --scene {mesh} {SIZES} --camera 10,40 --visits 1");
     let output = place.fathom(format!("{sweep} --budget 10m --out out")).answer();
     let expected = [
         "times over voxels along the longest side",
@@ -50,7 +50,7 @@ fn shell(command: &str, folder: &Path) -> String {
 
 /// Runs the commands of error, summary and page of a run in the folder `out`, as they stand: the latter where they are printed for.
 fn obey_printed(place: &Place, words: &str, out: &Path, here: &Path) {
-    let begin = format!("{words} --precision 1 --budget 10m --out {}", out.display());
+    let begin = format!("{words} --visits 1 --budget 10m --out {}", out.display());
     place.fathom(begin).ends(0);
     let whole = cells(&place.path(out));
     // As the end of a budget leaves it.
@@ -80,7 +80,7 @@ fn obey_printed(place: &Place, words: &str, out: &Path, here: &Path) {
     resumes(printed, here);
     let copied = page.split("data-copy=\"").nth(1).unwrap().split('"').next().unwrap();
     let again = out.file_name().unwrap().display();
-    let options = format!("--precision 1 --budget 10m --no-ceilings --out again-{again}");
+    let options = format!("--visits 1 --budget 10m --no-ceilings --out again-{again}");
     holds(&shell(&format!("{copied} {options}"), here), &["1 cells measured, 0 skipped, 0 failed"]);
 }
 
@@ -98,6 +98,6 @@ fn every_command_that_is_printed_of_a_run_measures_what_is_said() {
     obey_printed(&place, &format!("{sweep} {SIZES}"), &out, &out);
     // Under the same path another mesh.
     place.write("mine/own.glb", glb(&GLTF.replace("0.125", "0.250"), &fan()));
-    let told = shell("fathom run ./sweep.toml --precision 1 --out . --resume", &out);
+    let told = shell("fathom run ./sweep.toml --visits 1 --out . --resume", &out);
     holds(&told, &["3 cells measured, 0 skipped, 0 failed, 0 kept"]);
 }

@@ -64,7 +64,7 @@ fn checks_are_sound_and_their_controls_fail() {
 #[test]
 fn the_experiment_runs_and_is_told_again_from_its_records() {
     let folder = TempDir::new().unwrap();
-    stdout(folder.path(), "run --no-ceilings --budget 10m --precision 1 --out run");
+    stdout(folder.path(), "run --no-ceilings --budget 10m --visits 1 --out run");
     let path = folder.path().join("run/summary.md");
     let summary = fs::read_to_string(&path).unwrap();
     assert!(summary.contains("More rings take longer to draw"), "{summary}");

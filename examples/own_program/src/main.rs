@@ -1,6 +1,6 @@
 //! A program with two compute passes and a render pass: ripples on water, blurred and drawn.
 //!
-//! `own_program [TAPS]`
+//! `own_program [TAPS [FOLDER [SECONDS]]]`
 
 mod passes;
 
@@ -11,6 +11,7 @@ use passes::Passes;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let taps = std::env::args().nth(1).map_or(Ok(16), |taps| taps.parse())?;
+    let seconds = std::env::args().nth(3).map_or(Ok(90.0), |seconds| seconds.parse())?;
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default()))?;
     let required_features = fathom_clock::features(&adapter);
@@ -18,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))?;
     let passes = Passes::new(&device, &queue, taps);
 
-    let mut clock = FrameClock::new(&adapter, &device, &queue)?;
+    let mut clock = FrameClock::new(&adapter, &device, &queue)?.with_budget(seconds);
     while clock.wants_frame() {
         let mut frame = clock.frame();
         let mut encoder = device.create_command_encoder(&Default::default());

@@ -48,7 +48,7 @@ fn recorded(folder: &Path) -> (Run, Cell) {
 fn a_run_has_records_that_fathom_reports_keeps_and_compares() {
     let folders = tempfile::tempdir().unwrap();
     let measured = folders.path().join("measured");
-    let timed = run(env!("CARGO_BIN_EXE_own_program"), &["16", measured.to_str().unwrap()]);
+    let timed = run(env!("CARGO_BIN_EXE_own_program"), &["16", measured.to_str().unwrap(), "0.5"]);
     assert!(timed.status.success(), "{}", String::from_utf8_lossy(&timed.stderr));
     let told = String::from_utf8(timed.stdout).unwrap();
     assert!(PASSES.iter().all(|pass| told.contains(&format!("\n  {pass} "))), "{told}");
@@ -66,7 +66,7 @@ fn check(run: &Run, cell: &Cell) {
     let names: Vec<&str> = measured.stages.iter().map(|stage| stage.stage.as_str()).collect();
     assert_eq!(names, PASSES);
     let pairs = measured.frame.untimed_samples_ns.len();
-    assert!(pairs >= 12 && measured.warm_up_frames >= 2, "{measured:?}");
+    assert!(pairs >= 1 && measured.warm_up_frames >= 2, "{measured:?}");
     for (stage, kind) in
         measured.stages.iter().zip([PassKind::Compute, PassKind::Compute, PassKind::Render])
     {

@@ -129,7 +129,7 @@ fn measure(work: f64, plain: bool, folder: &str) -> Result<(), Box<dyn Error>> {
         }
         clock.end_cell("vello-frames", &format!("scene={name}"))?;
         if plain {
-            let time = StageRecord::new("plain", Clock::Host, plain_ns).time;
+            let time = StageRecord::new("plain", Clock::Host, plain_ns, &[]).time;
             let [low, high] = time.ends().map(|ns| ns * 1e-6);
             println!("{name}: {:.4} ms ({low:.4} … {high:.4}) plain", time.median * 1e-6);
         }

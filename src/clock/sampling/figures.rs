@@ -1,11 +1,10 @@
 //! From samples to the figures of a record.
 
-use super::samples::{Samples, StopReason};
+use super::samples::Samples;
 use crate::StageTime;
 use fathom_base::statistics;
-use fathom_record::{
-    Clock, Estimate, Fenced, FrameRecord, Note, NoteKind, StageRecord, Throttling,
-};
+use fathom_base::visits;
+use fathom_record::{Clock, Fenced, FrameRecord, Note, NoteKind, StageRecord, Throttling};
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
 const NOTED_OUTLIER_SHARE: f64 = 0.05;
@@ -16,16 +15,17 @@ pub fn frame_record(samples: &Samples) -> FrameRecord {
         return FrameRecord::default();
     }
     let untimed_samples_ns = samples.each(|pair| pair.frame_ns);
+    let visits = samples.visits();
+    let costs = samples.each(|pair| pair.envelope_ns / pair.frame_ns);
     FrameRecord {
         rounds: samples.each(|pair| pair.round),
         sampled_at_s: samples.each(|pair| pair.sampled_at_s),
         machine: samples.machine(),
+        pacer_ns: samples.pairs.iter().filter_map(|pair| pair.pacer_ns).collect(),
         accounting_error: accounting_error(samples),
-        untimed: statistics::estimate(&untimed_samples_ns),
-        // Pair by pair.
-        timing_cost: statistics::ratio_estimate(
-            &samples.each(|pair| (pair.envelope_ns, pair.frame_ns)),
-        ),
+        untimed: visits::estimate_of_samples(&untimed_samples_ns, &visits),
+        timing_cost: visits::estimate_of_samples(&costs, &visits),
+        visits,
         envelope_samples_ns: samples.each(|pair| pair.envelope_ns),
         gap_samples_ns: samples.each(|pair| pair.gaps_ns),
         untimed_samples_ns,
@@ -50,7 +50,7 @@ pub fn stage_record(samples: &Samples, index: usize, name: &str) -> StageRecord 
         None => times.iter().map(|time| time.ns).collect(),
     };
     let clock = times.first().map_or(Clock::Host, |time| time.clock);
-    StageRecord { fenced, ..StageRecord::new(name, clock, samples_ns) }
+    StageRecord { fenced, ..StageRecord::new(name, clock, samples_ns, &samples.visits()) }
 }
 
 /// What was read and taken off; none where nothing was.
@@ -64,32 +64,20 @@ fn fenced(times: &[StageTime]) -> Option<Fenced> {
     })
 }
 
-/// What there is to know of the samples. `precision` is the one asked for, of the frame time, a share.
-pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<Note> {
+/// What there is to know of the samples.
+pub fn sampling_notes(samples: &Samples) -> Vec<Note> {
     let mut notes = Vec::new();
     let mut note = |kind, text: String| notes.push(Note::new(kind, text));
     if samples.earlier_pairs > 0 {
         let (earlier, all) = (samples.earlier_pairs, samples.pairs());
         let text =
-            format!("{earlier} of {all} pairs of frames were measured before the run was resumed");
+            format!("the run was extended: {earlier} of {all} pairs of frames are of before");
         note(NoteKind::Resumed, text);
     }
     if samples.unsteady {
         let frames = samples.warm_up_frames;
         let text = format!("the frame time still fell after {frames} warm-up frames");
         note(NoteKind::Unsteady, text);
-    }
-    let stopped = match samples.stopped {
-        StopReason::Precise | StopReason::UntimedOnly => None,
-        StopReason::OutOfTime => Some("stopped by the time budget"),
-        StopReason::EnoughPairs => Some("stopped at the most frames"),
-        StopReason::Interrupted => Some("interrupted"),
-    };
-    if let Some(stopped) = stopped.filter(|_| frame.relative_half_width() > precision) {
-        let reached = 100.0 * frame.relative_half_width();
-        let asked = 100.0 * precision;
-        let text = format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked");
-        note(NoteKind::Imprecise, text);
     }
     let outliers = statistics::outliers(&samples.each(|pair| pair.frame_ns));
     if outliers.share() > NOTED_OUTLIER_SHARE {
@@ -126,6 +114,7 @@ mod tests {
                 round: 3 * number,
                 sampled_at_s: f64::from(number),
                 machine: has_machine.then(MachineState::default),
+                pacer_ns: has_machine.then_some([1e6, f64::from(number)]),
                 stages: vec![
                     stage("a", Clock::Timestamp, f64::from(number), 0.0),
                     stage("b", Clock::FencedHost, f64::from(number) - 4.0, 64.0),
@@ -140,13 +129,12 @@ mod tests {
                 unsteady: true,
                 rejected: [(fathom_record::FaultKind::Zero.into(), 2)].into(),
                 earlier_pairs: 8,
-                stopped: StopReason::default(),
             };
             let frame = frame_record(&samples);
             let stage = |(index, name)| stage_record(&samples, index, name);
             let mut measured = Measured {
                 stages: ["a", "b"].into_iter().enumerate().map(stage).collect(),
-                notes: sampling_notes(&samples, &frame.untimed, 0.02),
+                notes: sampling_notes(&samples),
                 frame,
                 warm_up_frames: samples.warm_up_frames,
                 rejected: samples.rejected_frames(),
@@ -166,7 +154,7 @@ mod tests {
             let pair = |state| FramePair { machine: Some(state), ..FramePair::default() };
             let pairs = machine.into_iter().map(pair).collect();
             let samples = Samples { pairs, ..Samples::default() };
-            let notes = sampling_notes(&samples, &statistics::estimate(&[1.0; 20]), 0.02);
+            let notes = sampling_notes(&samples);
             let held = notes.into_iter().filter(|note| note.kind == NoteKind::Throttled);
             held.map(|note| note.text).collect::<Vec<_>>()
         };

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 
 use crate::{FrameSample, RejectedTime, StageTime};
-use fathom_base::statistics;
+use fathom_base::visits;
 use fathom_record::{
     FaultKind, Fenced, MachineState, Measured, NoteKind, RejectedFrames, Rejection, StageRecord,
 };
@@ -24,6 +24,8 @@ pub struct FramePair {
     pub sampled_at_s: f64,
     /// The adapter at that moment, where its driver tells.
     pub machine: Option<MachineState>,
+    /// Of two fixed kernels just before, where they were run, nanoseconds.
+    pub pacer_ns: Option<[f64; 2]>,
     /// In frame order.
     pub stages: Vec<StageTime>,
     /// From the first stage's begin to the last stage's end, nanoseconds.
@@ -32,18 +34,6 @@ pub struct FramePair {
     pub gaps_ns: f64,
     /// Frame time without per-stage timing, nanoseconds.
     pub frame_ns: f64,
-}
-
-/// Why a cell's sampling ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum StopReason {
-    Precise,
-    /// Its times are not asked for.
-    UntimedOnly,
-    #[default]
-    OutOfTime,
-    EnoughPairs,
-    Interrupted,
 }
 
 /// Everything sampled of one cell. Durations in nanoseconds.
@@ -58,7 +48,6 @@ pub struct Samples {
     pub rejected: BTreeMap<Rejection, u32>,
     /// So many of the pairs, the first, are of an earlier run.
     pub earlier_pairs: usize,
-    pub stopped: StopReason,
 }
 
 impl Samples {
@@ -71,6 +60,7 @@ impl Samples {
                 round: *frame.rounds.get(number)?,
                 sampled_at_s: *frame.sampled_at_s.get(number)?,
                 machine: frame.machine.get(number).cloned(),
+                pacer_ns: frame.pacer_ns.get(number).copied(),
                 stages: stages.collect::<Option<_>>()?,
                 envelope_ns: *frame.envelope_samples_ns.get(number)?,
                 gaps_ns: *frame.gap_samples_ns.get(number)?,
@@ -85,7 +75,6 @@ impl Samples {
             warm_up_frames: measured.warm_up_frames,
             unsteady: measured.notes.iter().any(|note| note.kind == NoteKind::Unsteady),
             rejected: rejected.collect(),
-            stopped: StopReason::default(),
         }
     }
 
@@ -117,6 +106,7 @@ impl Samples {
         round: u32,
         sampled_at_s: f64,
         machine: Option<MachineState>,
+        pacer_ns: Option<[f64; 2]>,
     ) {
         if let Some(reason) = fault(&frame, frame_ns, self.stages()) {
             *self.rejected.entry(reason).or_default() += 1;
@@ -127,6 +117,7 @@ impl Samples {
             round,
             sampled_at_s,
             machine,
+            pacer_ns,
             stages,
             envelope_ns,
             gaps_ns,
@@ -152,9 +143,21 @@ impl Samples {
         })
     }
 
-    /// Of the frame time, the wider of timed and untimed frames: half of its interval over its median.
+    /// The number of each pair's visit.
+    pub fn visits(&self) -> Vec<u32> {
+        visits::numbers(&self.each(|pair| pair.sampled_at_s))
+    }
+
+    pub fn count_visits(&self) -> usize {
+        self.visits().last().map_or(0, |last| *last as usize + 1)
+    }
+
+    /// Of the frame time, the wider of timed and untimed frames: half of its interval over its middle.
     pub fn relative_half_width(&self) -> f64 {
-        let of = |samples: Vec<f64>| statistics::estimate(&samples).relative_half_width();
+        let numbers = self.visits();
+        let of = |samples: Vec<f64>| {
+            visits::estimate_of_samples(&samples, &numbers).relative_half_width()
+        };
         of(self.each(|pair| pair.envelope_ns)).max(of(self.each(|pair| pair.frame_ns)))
     }
 

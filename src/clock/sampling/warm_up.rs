@@ -10,17 +10,23 @@ pub const MAX_WARM_UP_FRAMES: u32 = 10;
 pub struct WarmUp {
     pub frames: u32,
     before_ns: f64,
+    known_ns: f64,
     /// The frame time no longer fell.
     pub steady: bool,
 }
 
 impl Default for WarmUp {
     fn default() -> Self {
-        Self { frames: 0, before_ns: f64::INFINITY, steady: false }
+        Self { frames: 0, before_ns: f64::INFINITY, known_ns: 0.0, steady: false }
     }
 }
 
 impl WarmUp {
+    /// Of a program whose frames took so long before, where that is known: one that takes no longer is enough.
+    pub fn after(known_ns: Option<f64>) -> Self {
+        Self { known_ns: known_ns.unwrap_or(0.0), ..Self::default() }
+    }
+
     /// The next frame is one with per-stage timing.
     pub fn is_timed(&self) -> bool {
         self.frames.is_multiple_of(2)
@@ -29,7 +35,8 @@ impl WarmUp {
     /// A frame took so long.
     pub fn add(&mut self, wall_ns: f64) {
         self.frames += 1;
-        self.steady = self.frames > 1 && wall_ns >= self.before_ns * (1.0 - WARM_UP_TOLERANCE);
+        self.steady = wall_ns <= self.known_ns * (1.0 + WARM_UP_TOLERANCE)
+            || self.frames > 1 && wall_ns >= self.before_ns * (1.0 - WARM_UP_TOLERANCE);
         self.before_ns = wall_ns;
     }
 

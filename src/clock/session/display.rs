@@ -3,9 +3,10 @@
 use std::fmt;
 
 use super::FrameClock;
-use fathom_record::{Cell, Estimate, OVER_BUDGET, Outcome, PassKind, StageRecord};
+use fathom_base::visits::MIN_VISITS;
+use fathom_record::{Cell, Estimate, Interval, OVER_BUDGET, Outcome, PassKind, StageRecord};
 
-/// The clock of each kind of pass with the audit's reason where timestamps are unsound, and each ended cell: medians with their
+/// The clock of each kind of pass with the audit's reason where timestamps are unsound, and each ended cell: times with their
 /// 95 % intervals, and notes.
 impl fmt::Display for FrameClock {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -50,7 +51,9 @@ fn stage_time(stage: &StageRecord) -> String {
 }
 
 fn milliseconds(time: &Estimate) -> String {
-    let [low, high] = time.ends();
-    let [median, low, high] = [time.median, low, high].map(|ns| ns * 1e-6);
-    format!("{median:.4} ms ({low:.4} … {high:.4}, n = {})", time.n)
+    let (ms, visits) = (|ns: f64| format!("{:.4}", ns * 1e-6), time.n);
+    match time.interval.map(|Interval { low, high }| [low, high].map(ms).join(" … ")) {
+        Some(interval) => format!("{} ms ({interval}, {visits} visits)", ms(time.median)),
+        None => format!("{} ms (no interval: {visits} visits of {MIN_VISITS})", ms(time.median)),
+    }
 }

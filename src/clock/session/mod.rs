@@ -8,11 +8,10 @@ mod sampled;
 mod tests;
 
 pub use pass::TimedPass;
-pub use sampled::SampleTarget;
 
 use std::time::Instant;
 
-use self::sampled::{CellSampling, Sample};
+use self::sampled::{CellSampling, Sample, unix_s};
 use super::frame::Query;
 use super::{Audit, ClockError, Device, DeviceError, FrameTimer, MachineReader, audit_all};
 use fathom_record::{Cell, PassKind};
@@ -20,6 +19,8 @@ use fathom_record::{Cell, PassKind};
 /// Features of the device that timestamps need.
 pub(super) const FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
+/// Time for a cell, seconds: nine visits.
+const BUDGET_S: f64 = 90.0;
 /// Passes of a frame that can have timestamps.
 const MAX_PASSES: u32 = 1024;
 
@@ -38,7 +39,8 @@ pub struct FrameClock {
     audit: Audit,
     timer: FrameTimer,
     machine: Option<MachineReader>,
-    sampling: SampleTarget,
+    /// For each cell, seconds.
+    budget_s: f64,
     sampled: CellSampling,
     /// When the current cell began.
     started: Instant,
@@ -81,7 +83,7 @@ impl FrameClock {
             gpu,
             audit,
             timer,
-            sampling: SampleTarget::default(),
+            budget_s: BUDGET_S,
             sampled: CellSampling::begin(0),
             started: Instant::now(),
             cells: Vec::new(),
@@ -89,10 +91,11 @@ impl FrameClock {
         })
     }
 
-    /// The same with another precision or budget.
+    /// The same with another time for each cell than 90 s. Frames within 10 s are one visit: below four visits figures have no interval, and
+    /// one of visits within less than 60 s is of these seconds alone.
     #[must_use]
-    pub fn with(mut self, sampling: SampleTarget) -> Self {
-        self.sampling = sampling;
+    pub fn with_budget(mut self, seconds: f64) -> Self {
+        self.budget_s = seconds;
         self
     }
 
@@ -101,17 +104,16 @@ impl FrameClock {
         &self.audit
     }
 
-    /// More frames are needed: fewer than 12 pairs were sampled, or the frame time is not precise yet and there is time. Frames
-    /// rendered beyond that are sampled as well.
-    pub fn wants_frame(&mut self) -> bool {
-        let late = self.started.elapsed().as_secs_f64() > self.sampling.budget_s;
-        self.sampled.wants_frame(self.sampling.precision, late)
+    /// More frames are needed: there is time, or no pair was sampled. Of each ten seconds 12 pairs are sampled, and other frames are
+    /// rendered without per-pass timing.
+    pub fn wants_frame(&self) -> bool {
+        self.sampled.wants_frame(self.started.elapsed().as_secs_f64() > self.budget_s)
     }
 
     /// Begins a frame. It ends with [`Frame::submit`].
     pub fn frame(&mut self) -> Frame<'_> {
         self.timer.begin();
-        let timed = self.sampled.times_next();
+        let timed = self.sampled.times_next(unix_s());
         Frame { clock: self, timed, names: Vec::new() }
     }
 }
@@ -225,7 +227,7 @@ impl Frame<'_> {
             true => Sample::Timed(timer.run_timed(gpu, encoder, &names)?),
             false => Sample::Untimed(timer.run_untimed(gpu, encoder)?),
         };
-        totals.frames_ns += sampled.add(ran, state);
+        totals.frames_ns += sampled.add(ran, unix_s(), state);
         Ok(())
     }
 

@@ -53,7 +53,7 @@ impl FrameClock {
             |(index, stage): (usize, &StageTime)| stage_record(samples, index, &stage.stage);
         Outcome::Measured(Box::new(Measured {
             stages: samples.stages().iter().enumerate().map(record).collect(),
-            notes: sampling_notes(samples, &frame.untimed, self.sampling.precision),
+            notes: sampling_notes(samples),
             frame,
             warm_up_frames: samples.warm_up_frames,
             rejected: samples.rejected_frames(),

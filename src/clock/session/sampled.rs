@@ -2,28 +2,12 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::{FrameSample, Samples, StopReason, WarmUp};
+use crate::{FrameSample, Samples, WarmUp};
+use fathom_base::visits::VISIT_S;
 use fathom_record::MachineState;
 
-/// Pairs of frames at the first look at their precision, and at the last: as in fathom's own runs.
-pub(super) const MIN_PAIRS: usize = 12;
-const MAX_PAIRS: usize = 192;
-
-/// When a cell has enough samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SampleTarget {
-    /// Half the width of the frame time's 95 % interval over its median.
-    pub precision: f64,
-    /// Seconds after which no more frames are asked for, once there are 12 pairs.
-    pub budget_s: f64,
-}
-
-impl Default for SampleTarget {
-    /// 2 %, 30 s.
-    fn default() -> Self {
-        Self { precision: 0.02, budget_s: 30.0 }
-    }
-}
+/// Pairs of frames of a visit: more of them show the same state of the machine again.
+pub(super) const VISIT_PAIRS: usize = 12;
 
 /// A frame that was run: with per-pass timing, or without, and how long it took.
 pub(super) enum Sample {
@@ -37,58 +21,53 @@ pub(super) struct CellSampling {
     /// Of the pair that has begun.
     timed: Option<FrameSample>,
     frame_ns: Option<f64>,
-    /// Pairs at which the precision is looked at next.
-    target: usize,
     /// Number of the next pair of the run.
     pub(super) round: u32,
+    /// When the first pair of the visit was sampled, seconds of Unix time, and how many there are.
+    visit: (f64, usize),
+    /// The frame that is run is of a pair, or of the warm-up.
+    counts: bool,
 }
 
 impl CellSampling {
     pub(super) fn begin(round: u32) -> Self {
         Self {
-            samples: Samples { stopped: StopReason::Interrupted, ..Samples::default() },
+            samples: Samples::default(),
             warm_up: WarmUp::default(),
             timed: None,
             frame_ns: None,
-            target: MIN_PAIRS,
             round,
+            visit: (f64::NEG_INFINITY, 0),
+            counts: false,
         }
     }
 
-    /// Another frame is needed for this precision. When it is late, there must be enough for an interval only.
-    pub(super) fn wants_frame(&mut self, precision: f64, late: bool) -> bool {
-        let pairs = self.samples.pairs();
-        if self.samples.verdict_on_rejections().is_some() {
-            return false;
-        }
-        if pairs < MIN_PAIRS || !late && pairs < self.target {
-            return true;
-        }
-        let precise = self.samples.relative_half_width() <= precision;
-        self.samples.stopped = match (precise, late) {
-            (true, _) => StopReason::Precise,
-            (_, true) => StopReason::OutOfTime,
-            _ if pairs >= MAX_PAIRS => StopReason::EnoughPairs,
-            _ => {
-                self.target *= 2;
-                return true;
-            }
-        };
-        false
+    /// Another frame is needed: there is time, or nothing was sampled yet.
+    pub(super) fn wants_frame(&self, late: bool) -> bool {
+        let has_failed = self.samples.verdict_on_rejections().is_some();
+        !has_failed && (!late || self.samples.pairs() == 0)
     }
 
-    /// The next frame is one with per-pass timing. The kind that a pair begins with follows the Thue–Morse sequence, so that a
-    /// steady drift favours neither.
-    pub(super) fn times_next(&self) -> bool {
+    /// A frame begins at this second of Unix time: whether with per-pass timing. The kind that a pair begins with follows the Thue–Morse
+    /// sequence, so that a steady drift favours neither. Beyond the pairs of a visit frames are run without and not sampled.
+    pub(super) fn times_next(&mut self, now_s: f64) -> bool {
+        let is_due = now_s - self.visit.0 >= VISIT_S || self.visit.1 < VISIT_PAIRS;
+        let has_begun = self.timed.is_some() || self.frame_ns.is_some();
+        self.counts = !self.warm_up.is_over() || has_begun || is_due;
         match (&self.timed, self.frame_ns) {
             _ if !self.warm_up.is_over() => self.warm_up.is_timed(),
-            (None, None) => self.round.count_ones().is_multiple_of(2),
+            (None, None) => is_due && self.round.count_ones().is_multiple_of(2),
             (timed, _) => timed.is_none(),
         }
     }
 
-    /// A frame was run. `state` tells of the machine. Gives the frame's time.
-    pub(super) fn add(&mut self, ran: Sample, state: impl FnOnce() -> Option<MachineState>) -> f64 {
+    /// A frame was run up to this second of Unix time. `state` tells of the machine. Gives the frame's time.
+    pub(super) fn add(
+        &mut self,
+        ran: Sample,
+        now_s: f64,
+        state: impl FnOnce() -> Option<MachineState>,
+    ) -> f64 {
         let wall_ns = match &ran {
             Sample::Timed(frame) => frame.envelope_ns,
             Sample::Untimed(wall_ns) => *wall_ns,
@@ -99,6 +78,9 @@ impl CellSampling {
             self.samples.unsteady = self.warm_up.is_over() && !self.warm_up.steady;
             return wall_ns;
         }
+        if !self.counts {
+            return wall_ns;
+        }
         match ran {
             Sample::Timed(frame) => self.timed = Some(frame),
             Sample::Untimed(wall_ns) => self.frame_ns = Some(wall_ns),
@@ -106,7 +88,9 @@ impl CellSampling {
         if let Some(frame_ns) = self.frame_ns
             && let Some(frame) = self.timed.take()
         {
-            self.samples.add(frame, frame_ns, self.round, unix_s(), state());
+            self.samples.add(frame, frame_ns, self.round, now_s, state(), None);
+            let (first_s, pairs) = self.visit;
+            self.visit = if now_s - first_s >= VISIT_S { (now_s, 1) } else { (first_s, pairs + 1) };
             self.frame_ns = None;
             self.round += 1;
         }
@@ -115,7 +99,7 @@ impl CellSampling {
 }
 
 /// Seconds of Unix time.
-fn unix_s() -> f64 {
+pub(super) fn unix_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
 }
 
@@ -130,11 +114,11 @@ mod tests {
         FrameSample { stages: vec![stage], gaps_ns: 0.0, envelope_ns: ns, faults: Vec::new() }
     }
 
-    /// Runs a frame of the kind that is due, whose time is `ns`; whether it was timed.
-    fn run(sampled: &mut CellSampling, frame: FrameSample) -> bool {
-        let timed = sampled.times_next();
+    /// Runs a frame of the kind that is due at this second; whether it was timed.
+    fn run(sampled: &mut CellSampling, frame: FrameSample, now_s: f64) -> bool {
+        let timed = sampled.times_next(now_s);
         let ran = if timed { Sample::Timed(frame) } else { Sample::Untimed(frame.envelope_ns) };
-        sampled.add(ran, || None);
+        sampled.add(ran, now_s, || None);
         timed
     }
 
@@ -142,7 +126,7 @@ mod tests {
     fn warm() -> CellSampling {
         let mut sampled = CellSampling::begin(0);
         for _ in 0..2 {
-            run(&mut sampled, frame(1e6));
+            run(&mut sampled, frame(1e6), 0.0);
         }
         sampled
     }
@@ -151,7 +135,7 @@ mod tests {
     fn frames_that_become_faster_are_not_sampled() {
         let mut sampled = CellSampling::begin(0);
         for n in 0..MAX_WARM_UP_FRAMES {
-            assert_eq!(run(&mut sampled, frame(1e9 / f64::from(1 << n))), n % 2 == 0);
+            assert_eq!(run(&mut sampled, frame(1e9 / f64::from(1 << n)), 0.0), n % 2 == 0);
         }
         let Samples { warm_up_frames, unsteady, .. } = &sampled.samples;
         assert_eq!((*warm_up_frames, *unsteady), (MAX_WARM_UP_FRAMES, true));
@@ -162,37 +146,36 @@ mod tests {
     #[test]
     fn each_pair_has_a_frame_of_either_kind_and_each_kind_begins_half_of_them() {
         let mut sampled = warm();
-        let order: Vec<bool> = (0..128).map(|_| run(&mut sampled, frame(1e6))).collect();
+        let mut run = |n: u32| run(&mut sampled, frame(1e6), f64::from(n));
+        let order: Vec<bool> = (0..128).map(&mut run).collect();
         assert!(order.chunks(2).all(|pair| pair[0] != pair[1]));
         assert_eq!(order.chunks(2).filter(|pair| pair[0]).count(), 32);
         assert_eq!(sampled.samples.each(|pair| pair.round), (0..64).collect::<Vec<_>>());
     }
 
-    /// Pairs when no frame is wanted any more, of frames whose times vary by so much, and why.
-    fn stopped(variation: f64, late: bool) -> (usize, StopReason) {
-        let mut sampled = warm();
-        let mut n = 0u32;
-        while sampled.wants_frame(0.02, late) {
-            n += 1;
-            run(&mut sampled, frame(1e6 * (1.0 + variation * f64::from(n * 7 % 11))));
-        }
-        (sampled.samples.pairs(), sampled.samples.stopped)
-    }
-
+    /// A frame takes a tenth of a second; samples of the same ten seconds are one visit.
     #[test]
-    fn sampling_ends_when_it_is_precise_or_late_or_has_the_most_pairs() {
-        assert_eq!(stopped(1e-4, false), (MIN_PAIRS, StopReason::Precise));
-        assert_eq!(stopped(1.0, true), (MIN_PAIRS, StopReason::OutOfTime));
-        assert_eq!(stopped(1.0, false), (MAX_PAIRS, StopReason::EnoughPairs));
+    fn a_visit_has_so_many_pairs_however_many_frames_are_rendered() {
+        let mut sampled = warm();
+        let mut frames = 0;
+        while sampled.wants_frame(frames >= 900) {
+            run(&mut sampled, frame(1e8), 0.1 * f64::from(frames));
+            frames += 1;
+        }
+        let visits = sampled.samples.visits();
+        let of = |number| visits.iter().filter(|visit| **visit == number).count();
+        assert_eq!(frames, 900);
+        let whole = visits[visits.len() - 1];
+        assert!((0..whole).all(|number| of(number) == VISIT_PAIRS) && whole >= 7, "{visits:?}");
     }
 
     #[test]
     fn impossible_durations_are_rejected_and_end_the_sampling() {
         let mut sampled = warm();
         let mut frames = 0;
-        while sampled.wants_frame(0.02, false) {
+        while sampled.wants_frame(false) {
             let fault = RejectedTime { stage: "blur", kind: FaultKind::Zero, ns: 0.0 };
-            run(&mut sampled, FrameSample { faults: vec![fault], ..frame(1e6) });
+            run(&mut sampled, FrameSample { faults: vec![fault], ..frame(1e6) }, 0.0);
             frames += 1;
         }
         assert_eq!((frames, sampled.samples.pairs()), (12, 0));

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use super::sampled::MIN_PAIRS;
+use super::sampled::VISIT_PAIRS;
 use super::*;
 use crate::{ClockPlan, SubmitCost};
 use fathom_record::{Clock, Outcome};
@@ -34,7 +34,7 @@ fn commands_run_in_their_order_and_each_name_is_sampled_once() {
     let mut clock = fenced();
     let [from, to] = [Usage::COPY_SRC, Usage::COPY_SRC].map(|usage| buffer(&clock, usage));
     let read_back = buffer(&clock, Usage::MAP_READ);
-    for number in 0..2 * MIN_PAIRS as u32 + 2 {
+    for number in 0..2 * VISIT_PAIRS as u32 + 2 {
         let bytes = [number as u8 + 1; BYTES as usize];
         clock.gpu.queue.write_buffer(&from, 0, &bytes);
         let mut encoder = encoder(&clock);
@@ -117,7 +117,7 @@ fn submitter(clock: &FrameClock, size: u64) -> (Submitter, [wgpu::Buffer; 2]) {
 fn a_submission_has_the_device_to_itself_and_comes_before_the_frames_encoder() {
     let mut clock = fenced();
     let (library, [earlier, own]) = submitter(&clock, 4 << 20);
-    for number in 0..2 * MIN_PAIRS as u8 + 2 {
+    for number in 0..2 * VISIT_PAIRS as u8 + 2 {
         library.queue.write_buffer(&library.from, 0, &[number + 1; BYTES as usize]);
         let mut encoder = encoder(&clock);
         let mut frame = clock.frame();
@@ -150,7 +150,7 @@ fn a_submission_has_the_device_to_itself_and_comes_before_the_frames_encoder() {
 fn a_frame_whose_submission_was_refused_is_not_sampled_and_one_without_work_is() {
     let mut clock = fenced();
     let (library, [small, _]) = submitter(&clock, BYTES);
-    for number in 0..2 * MIN_PAIRS + 4 {
+    for number in 0..2 * VISIT_PAIRS + 4 {
         let refused = [0, 2].contains(&number);
         let mut frame = clock.frame();
         let ran = frame.submission("library", || {

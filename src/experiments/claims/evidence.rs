@@ -1,13 +1,14 @@
 //! The rule of evidence: figures against the bands that they must lie in.
 
-use super::{ALPHA, Verdict};
+use super::{EARLIER_LOOKS, Verdict};
 use crate::measure::Quantity;
-use fathom_base::statistics::{self, Interval};
+use fathom_base::statistics::{ALPHA, Interval};
+use fathom_base::visits::{MIN_SPAN_S, MIN_VISITS, Scale};
 
 /// Figures that a reason names one by one.
 const MAX_NAMED: usize = 3;
-/// Samples beyond which none is asked for: the figure lies at the bound.
-const MAX_SAMPLES: f64 = 1e4;
+/// Visits beyond which none is asked for: the figure lies at the bound.
+const MAX_VISITS: f64 = 1e3;
 
 /// A figure without an interval is near a bound of our own within this share of the bound, and within a quarter of a band with two bounds:
 /// the middle of a narrow band is near neither.
@@ -23,7 +24,7 @@ pub(super) struct BoundCheck {
 
 #[derive(Clone, Debug)]
 pub(super) enum ClaimFigure {
-    Reading(Quantity),
+    Reading(Quantity, Scale),
     /// Fitted to exact figures: the interval holds how far they are off the fit.
     Fitted {
         value: f64,
@@ -34,26 +35,51 @@ pub(super) enum ClaimFigure {
 impl ClaimFigure {
     fn value(&self) -> f64 {
         match self {
-            ClaimFigure::Reading(reading) => reading.median(),
+            ClaimFigure::Reading(reading, scale) => reading.estimate(*scale, ALPHA).median,
             ClaimFigure::Fitted { value, .. } => *value,
         }
     }
 
-    /// None where there are too few samples.
+    /// None where there are too few visits.
     fn interval(&self, alpha: f64) -> Option<Interval> {
         match self {
-            ClaimFigure::Reading(Quantity::Exact(value)) => {
+            ClaimFigure::Reading(Quantity::Exact(value), _) => {
                 Some(Interval { low: *value, high: *value })
             }
-            ClaimFigure::Reading(sampled) => statistics::median_interval(&sampled.values(), alpha),
+            ClaimFigure::Reading(reading, scale) => {
+                let looks = if self.is_earlier() { EARLIER_LOOKS } else { 1.0 };
+                reading.estimate(*scale, alpha / looks).interval
+            }
             ClaimFigure::Fitted { interval, .. } => Some(*interval),
         }
+    }
+
+    /// Its record does not tell visits.
+    fn is_earlier(&self) -> bool {
+        let ClaimFigure::Reading(reading, scale) = self else { return false };
+        reading.n().is_some() && reading.visits(*scale).is_none()
+    }
+
+    /// From its first visit to its last, seconds, where that is too short for a verdict.
+    fn short_span_s(&self) -> Option<f64> {
+        let ClaimFigure::Reading(reading, _) = self else { return None };
+        reading.span_s().filter(|span_s| *span_s < MIN_SPAN_S && !self.is_earlier())
     }
 }
 
 impl BoundCheck {
-    pub fn new(name: impl Into<String>, reading: Quantity, [low, high]: [f64; 2]) -> Self {
-        let figure = ClaimFigure::Reading(reading);
+    /// Of a time, a ratio or an error.
+    pub fn new(name: impl Into<String>, reading: Quantity, band: [f64; 2]) -> Self {
+        Self::on(Scale::Factors, name, reading, band)
+    }
+
+    pub fn on(
+        scale: Scale,
+        name: impl Into<String>,
+        reading: Quantity,
+        [low, high]: [f64; 2],
+    ) -> Self {
+        let figure = ClaimFigure::Reading(reading, scale);
         Self { name: name.into(), figure, band: Interval { low, high } }
     }
 
@@ -62,10 +88,10 @@ impl BoundCheck {
         Self { name: format!("{prefix}{}", self.name), ..self }
     }
 
-    /// Samples; none where the figure is exact.
+    /// Visits; none where the figure is exact.
     pub fn n(&self) -> Option<usize> {
         match &self.figure {
-            ClaimFigure::Reading(reading) => reading.n(),
+            ClaimFigure::Reading(reading, _) => reading.n(),
             ClaimFigure::Fitted { .. } => None,
         }
     }
@@ -76,6 +102,7 @@ impl BoundCheck {
         let outside = |i: Interval| i.high < self.band.low || i.low > self.band.high;
         let [alone, widened] = [1, of].map(|of| self.figure.interval(ALPHA / of as f64));
         match alone {
+            _ if self.figure.short_span_s().is_some() => Verdict::Inconclusive,
             Some(interval) if has_own_bound && self.is_near(interval) => Verdict::NearBound,
             _ if widened.is_some_and(outside) => Verdict::Contradicted,
             Some(interval) if inside(interval) => Verdict::Supported,
@@ -88,7 +115,7 @@ impl BoundCheck {
 
     /// The interval holds a bound, or the figure has none and lies within a tenth of one.
     fn is_near(&self, Interval { low, high }: Interval) -> bool {
-        let is_exact = matches!(self.figure, ClaimFigure::Reading(Quantity::Exact(_)));
+        let is_exact = matches!(self.figure, ClaimFigure::Reading(Quantity::Exact(_), _));
         let quarter = (self.band.high - self.band.low) / 4.0;
         let room = |bound: f64| (NEAR * bound.abs()).min(quarter) * (1.0 + 1e-9);
         let near = |bound: f64| {
@@ -112,7 +139,7 @@ impl BoundCheck {
         }
     }
 
-    /// `slope 1.020 (0.990 – 1.050 for the claim), n = 16 against 0.900 – 1.100`
+    /// `slope 1.020 (0.990 – 1.050), n = 6 against 0.900 – 1.100`
     fn text(&self, verdict: Verdict, of: usize) -> String {
         let ruled = self.ruled(verdict, of);
         let n = ruled.n.map_or_else(String::new, |n| format!(", n = {n}"));
@@ -140,24 +167,33 @@ impl BoundCheck {
     /// widened for their number.
     fn settled_by(&self, of: usize) -> String {
         let Some(n) = self.n() else {
-            let is_exact = matches!(self.figure, ClaimFigure::Reading(_));
+            let is_exact = matches!(self.figure, ClaimFigure::Reading(..));
             let why =
                 if is_exact { "within a tenth of" } else { "its spread over the cells straddles" };
             return format!("{why} the bound");
         };
         let of = if self.inside() < 0.0 { of } else { 1 };
-        let needed = statistics::min_samples(ALPHA / of as f64);
-        if n < needed {
-            return format!("{needed} samples are needed");
+        let interval = self.figure.interval(ALPHA / of as f64);
+        if interval.is_none() && self.figure.is_earlier() {
+            return "more samples are needed".to_owned();
+        }
+        if n < MIN_VISITS {
+            return format!("{MIN_VISITS} visits are needed");
+        }
+        if let Some(span_s) = self.figure.short_span_s() {
+            return format!(
+                "its visits lie within {span_s:.0} s, and a verdict takes {MIN_SPAN_S} s"
+            );
         }
         // The interval shrinks with the root of n, until its end reaches the bound.
-        let reach = self.figure.interval(ALPHA / of as f64).map_or(f64::NAN, |i| self.reach(i));
+        let reach = interval.map_or(f64::NAN, |i| self.reach(i));
         let needed = n as f64 * (reach / self.inside()).powi(2);
-        if needed.is_finite() && needed <= MAX_SAMPLES {
+        let unit = if self.figure.is_earlier() { "samples" } else { "visits" };
+        if needed.is_finite() && needed <= MAX_VISITS {
             let widened =
                 if of > 1 { format!(", widened for {of} comparisons,") } else { String::new() };
             format!(
-                "the interval{widened} straddles the bound; about {needed:.0} samples would settle it"
+                "the interval{widened} straddles the bound; about {needed:.0} {unit} would settle it"
             )
         } else {
             "the figure lies at the bound".to_owned()
@@ -173,12 +209,12 @@ pub struct RuledFigure {
     /// What it is of, such as `lists / peel`.
     pub name: String,
     pub value: f64,
-    /// At the level of the verdict, so wider than one of 95 %: see [`super::LOOKS`]. Of a contradicted claim it is also widened for
-    /// the number of its comparisons. None of too few samples; without width where the figure is exact.
+    /// Of 95 %; of a contradicted claim it is widened for the number of its comparisons. None of too few visits; without width where the
+    /// figure is exact.
     pub interval: Option<Interval>,
     /// Infinite where one side is free.
     pub band: Interval,
-    /// Samples; none where the figure is exact.
+    /// Visits; none where the figure is exact.
     pub n: Option<usize>,
 }
 
@@ -198,17 +234,14 @@ impl RuledFigure {
         if factor > 0.0 { factor.max(1.0 / factor) } else { f64::INFINITY }
     }
 
-    /// `1.383 (1.301 – 1.462 for the claim)`: plots and other tables show the same figure's interval of 95 %.
+    /// `1.383 (1.301 – 1.462)`.
     pub fn text(&self) -> String {
-        if self.value.is_nan() {
+        if self.value.is_nan() || self.n == Some(0) {
             return NO_VISIT.to_owned();
         }
         let value = number(self.value);
         match self.interval.map(|i| [i.low, i.high]) {
-            Some(ends) if self.n.is_some() => {
-                format!("{value} ({} for the claim)", ends.map(number).join(" – "))
-            }
-            Some(ends) if ends[0] < ends[1] => {
+            Some(ends) if ends[0] < ends[1] || self.n.is_some() => {
                 format!("{value} ({})", ends.map(number).join(" – "))
             }
             _ => value,

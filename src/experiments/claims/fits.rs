@@ -1,6 +1,6 @@
 //! Lines through cells: power laws and affine ones.
 //!
-//! Cells that share rounds are fitted round by round: the fits of all rounds are the samples of the fitted figure.
+//! Cells that share rounds are fitted round by round, and others visit by visit: these fits are the samples of the fitted figure.
 
 use std::collections::HashSet;
 
@@ -8,7 +8,8 @@ use super::evidence::{BoundCheck, ClaimFigure};
 use super::{Tested, format_ms, too_few};
 use crate::measure::{Measure, Quantity, RoundSample};
 use crate::schema::RISING_SHARE;
-use fathom_base::statistics::{self, Interval, Slope, log_log_slope};
+use fathom_base::statistics::{ALPHA, Interval, Slope, log_log_slope};
+use fathom_base::visits::Scale;
 use fathom_record::Cell;
 
 /// Points that a slope is fitted to; of more, as many are taken. Each fit looks at every pair of them.
@@ -19,10 +20,8 @@ const MAX_POINTS: usize = 64;
 pub struct Scaling {
     /// Of the medians.
     pub slope: Slope,
-    /// The slope of each round that has all cells; one where nothing was sampled more than once.
-    pub round_slopes: Quantity,
-    /// The interval of [`Self::slope`] by resampling each cell, where the cells were measured apart: too few rounds have all of them.
-    pub resampled: Option<Interval>,
+    /// Of each round that has all cells, else of each visit; one where nothing was sampled more than once.
+    pub slopes: Quantity,
     /// Smallest and largest slope with one cell left out.
     pub without_one: Interval,
     /// Smallest and largest x of the cells fitted.
@@ -35,22 +34,19 @@ pub struct Scaling {
 }
 
 impl Scaling {
-    /// Whether it is the fit over medians of cells that were measured apart.
-    pub fn is_apart(&self) -> bool {
-        self.resampled.is_some() || self.round_slopes.n() == Some(0)
-    }
-
-    /// The exponent: the median over the rounds, or the fit over medians.
+    /// The exponent: over visits, or of exact figures.
     pub fn exponent(&self) -> f64 {
-        if self.is_apart() { self.slope.slope } else { self.round_slopes.median() }
+        match self.slopes.n() {
+            None | Some(0) => self.slope.slope,
+            Some(_) => self.slopes.estimate(Scale::Sums, ALPHA).median,
+        }
     }
 
-    /// Its interval: over the rounds, over the cells where nothing was sampled more than once, or by resampling.
+    /// Its interval: over visits, or over the cells where nothing was sampled more than once.
     pub fn interval(&self) -> Option<Interval> {
-        match &self.round_slopes {
+        match &self.slopes {
             Quantity::Exact(_) => Some(self.without_one),
-            _ if self.is_apart() => self.resampled,
-            sampled => sampled.estimate().interval,
+            sampled => sampled.estimate(Scale::Sums, ALPHA).interval,
         }
     }
 }
@@ -82,29 +78,15 @@ pub fn scaling(
     let low = kept.iter().map(|(x, _)| *x).fold(f64::INFINITY, f64::min);
     let high = kept.iter().map(|(x, _)| *x).fold(0.0, f64::max);
     let slope = log_log_slope(&medians(&kept)).ok_or("all cells have the same x")?;
-    let round_slopes = by_round(&kept, |points| Some(log_log_slope(points)?.slope));
     Ok(Scaling {
         slope,
-        resampled: round_slopes.estimate().interval.is_none().then(|| resampled(&kept)).flatten(),
-        round_slopes,
+        slopes: by_visit(&kept, |points| Some(log_log_slope(points)?.slope)),
         without_one: without_one(&medians(&kept), slope.slope),
         range: (low, high),
         decades: (high / low).log10(),
         fixed,
         left_out,
     })
-}
-
-/// The interval of the slope of medians of samples that share no rounds; none where all are exact or samples are too few.
-fn resampled(points: &[(f64, Quantity)]) -> Option<Interval> {
-    let (sampled, exact): (Vec<_>, Vec<_>) = points.iter().partition(|(_, y)| y.n().is_some());
-    let samples: Vec<Vec<f64>> = sampled.iter().map(|(_, y)| y.values()).collect();
-    let exact: Vec<(f64, f64)> = exact.iter().map(|(x, y)| (*x, y.median())).collect();
-    let slope = |medians: &[f64]| {
-        let sampled = sampled.iter().zip(medians).map(|((x, _), y)| (*x, *y));
-        Some(log_log_slope(&exact.iter().copied().chain(sampled).collect::<Vec<_>>())?.slope)
-    };
-    if samples.is_empty() { None } else { statistics::resampled_interval(&samples, slope) }
 }
 
 /// What does not grow with x, in the unit of y.
@@ -126,25 +108,32 @@ fn without_one(points: &[(f64, f64)], slope: f64) -> Interval {
     )
 }
 
-/// A figure of the points of each round that all of them have; of the exact points where none is sampled.
+/// A figure of the points of each round that all of them have, or of their visits in order, where these are more; of the exact points
+/// where none is sampled.
+fn by_visit(points: &[(f64, Quantity)], figure: impl Fn(&[(f64, f64)]) -> Option<f64>) -> Quantity {
+    if points.iter().all(|(_, y)| y.n().is_none()) {
+        return Quantity::Exact(figure(&medians(points)).unwrap_or(f64::NAN));
+    }
+    let in_order = points.iter().map(|(x, y)| (*x, y.in_order_of_visits())).collect::<Vec<_>>();
+    let [by_round, in_order] = [points, &in_order].map(|points| by_round(points, &figure));
+    if by_round.n() < in_order.n() { in_order } else { by_round }
+}
+
 fn by_round(points: &[(f64, Quantity)], figure: impl Fn(&[(f64, f64)]) -> Option<f64>) -> Quantity {
     let sampled = points.iter().find_map(|(_, y)| match y {
-        Quantity::Sampled(samples) => Some(samples),
+        Quantity::Sampled(samples) => Some(samples.as_slice()),
         Quantity::Exact(_) => None,
     });
-    let Some(rounds) = sampled else {
-        return Quantity::Exact(figure(&medians(points)).unwrap_or(f64::NAN));
-    };
     let value_at = |reading: &Quantity, round: u32| match reading {
         Quantity::Exact(value) => Some(*value),
         Quantity::Sampled(samples) => {
             samples.iter().find(|sample| sample.round == round).map(|sample| sample.value)
         }
     };
-    let samples = rounds.iter().filter_map(|RoundSample { round, .. }| {
-        let of_round = points.iter().map(|(x, y)| Some((*x, value_at(y, *round)?)));
+    let samples = sampled.unwrap_or_default().iter().filter_map(|sample| {
+        let of_round = points.iter().map(|(x, y)| Some((*x, value_at(y, sample.round)?)));
         let value = figure(&of_round.collect::<Option<Vec<_>>>()?)?;
-        value.is_finite().then_some(RoundSample { round: *round, value })
+        value.is_finite().then_some(RoundSample { value, ..*sample })
     });
     Quantity::Sampled(samples.collect())
 }
@@ -232,18 +221,20 @@ pub(super) fn affine(y: &Measure, x: &Measure, tolerance: f64, cells: &[&Cell]) 
             100.0 * RISING_SHARE
         ));
     }
-    let rising = by_round(&points, |points| Some(LinearFit::fit(points)?.rising_share(max_x)));
-    let rising = BoundCheck::new(
+    let rising = by_visit(&points, |points| Some(LinearFit::fit(points)?.rising_share(max_x)));
+    let rising = BoundCheck::on(
+        Scale::Sums,
         "share of the largest cell that rises with x",
         rising,
         [0.0, f64::INFINITY],
     );
     let off = points.iter().enumerate().map(|(place, (x, _))| {
-        let off = by_round(&points, |points| {
+        let off = by_visit(&points, |points| {
             let (x, y) = points[place];
             Some(y / LinearFit::fit(points)?.value_at(x) - 1.0)
         });
-        BoundCheck::new(
+        BoundCheck::on(
+            Scale::Sums,
             format!("distance from a straight line at {x}"),
             off,
             [-tolerance, tolerance],
@@ -266,9 +257,9 @@ pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64) -> Tested {
     if fit.decades < 1.0 - 1e-6 {
         return Err(format!("{name} {:.3}: x must span a factor of 10 at least", fit.slope.slope));
     }
-    let figure = match &fit.round_slopes {
+    let figure = match &fit.slopes {
         Quantity::Exact(value) => ClaimFigure::Fitted { value: *value, interval: fit.without_one },
-        sampled => ClaimFigure::Reading(sampled.clone()),
+        sampled => ClaimFigure::Reading(sampled.clone(), Scale::Sums),
     };
     let band = Interval { low: expected - tolerance, high: expected + tolerance };
     Ok(vec![BoundCheck { name, figure, band }])

@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 
 use super::Verdict::{Contradicted, Inconclusive, NearBound, NotRun, Supported};
 use super::*;
-use crate::fixtures::{OWN, noisy, own, timed};
-use fathom_base::statistics;
+use crate::fixtures::{OWN, noisy, own, sampled_at_s, timed};
+use fathom_base::visits::{self, MIN_VISITS};
 use fathom_record::{Clock, Fenced, FrameRecord, Measured, Note, Outcome, Work};
 
 /// A cell with one axis, one stage and one quantity; the frame takes as long as the stage.
@@ -18,6 +18,8 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
     let measured = Measured {
         frame: FrameRecord {
             rounds: (0..24).collect(),
+            visits: visits::numbers(&sampled_at_s(24)),
+            sampled_at_s: sampled_at_s(24),
             untimed_samples_ns: stage.samples_ns.clone(),
             untimed: stage.time,
             ..FrameRecord::default()
@@ -219,7 +221,7 @@ fn families_of_stages_are_summed_frame_by_frame() {
     let samples = sum.values();
     assert_eq!(samples[0], measured.stages[1].samples_ns[0] + measured.stages[2].samples_ns[0]);
     assert!((sum.median() / 8e6 - 1.0).abs() < 0.05);
-    assert_eq!(read("stage:g/x|s").unwrap().estimate(), measured.stages[0].time);
+    assert_eq!(read("stage:g/x|s").unwrap().figure(), measured.stages[0].time);
     assert_eq!(read("stage:g/"), None);
     let names: Measure = "stage:g/x|s".parse().unwrap();
     assert_eq!(names.stages().map(ToString::to_string).collect::<Vec<_>>(), ["g/x", "s"]);
@@ -241,7 +243,7 @@ fn a_time_below_the_clock_s_resolution_is_no_figure() {
         resolution_ns: 50e3,
     };
     short.samples_ns = fenced.samples_ns();
-    short.time = statistics::estimate(&short.samples_ns);
+    short.time = visits::estimate_of_samples(&short.samples_ns, &measured.frame.visits);
     short.fenced = Some(fenced);
     assert!(short.samples_ns.iter().all(|ns| *ns == 50e3));
     let mut long = measured.stages[0].clone();
@@ -285,7 +287,9 @@ fn drifting(
         let times: Vec<f64> = times.collect();
         let measured = cell.measured_mut().unwrap();
         measured.frame.rounds = (0..rounds).collect();
-        measured.stages[0].time = statistics::estimate(&times);
+        measured.frame.sampled_at_s = sampled_at_s(rounds as usize);
+        measured.frame.visits = visits::numbers(&measured.frame.sampled_at_s);
+        measured.stages[0].time = visits::estimate_of_samples(&times, &measured.frame.visits);
         measured.stages[0].samples_ns = times;
         cell
     };
@@ -298,19 +302,19 @@ fn ratios_are_paired_by_round_so_that_drift_cancels() {
     let cells = drifting(&[1.0, 2.0], 16, |n| if n > 1.0 { 1.05 } else { 1.0 }, 0.003, 1);
     let (verdict, reason) = ruled(test, &cells, true);
     assert_eq!(verdict, Supported, "5 % within a drift of 30 %: {reason}");
-    assert!(reason.contains("n = 16"), "{reason}");
+    assert!(reason.contains("n = 6"), "{reason}");
     // The same samples in rounds of their own cannot be paired.
     let mut apart = cells;
     apart[1].measured_mut().unwrap().frame.rounds = (100..116).collect();
     let (verdict, reason) = ruled(test, &apart, true);
     assert_eq!(verdict, Inconclusive, "{reason}");
-    assert!(reason.contains("n = 0") && reason.ends_with("8 samples are needed"), "{reason}");
+    assert!(reason.contains("n = 0") && reason.ends_with("4 visits are needed"), "{reason}");
     assert!(reason.contains(NO_VISIT) && !reason.contains("NaN"), "{reason}");
 }
 
-/// Cells that were measured one by one share no round.
+/// Cells that were measured one by one share no round: a slope of their first visits, of their second …
 #[test]
-fn an_exponent_of_cells_measured_apart_is_that_of_their_medians() {
+fn an_exponent_of_cells_measured_apart_is_fitted_visit_by_visit() {
     let (y, x) = ("stage:s".parse().unwrap(), "axis:n".parse().unwrap());
     let fitted = |rounds: u32, apart: u32| {
         let mut cells = drifting(&GRID, rounds, |n| 1e-3 * n, 0.02, 3);
@@ -322,27 +326,35 @@ fn an_exponent_of_cells_measured_apart_is_that_of_their_medians() {
     };
     // All rounds, two rounds and none in common.
     let [paired, few, none] = [0, 2, 100].map(|apart| fitted(12, apart));
-    assert!(!paired.is_apart() && few.is_apart() && none.is_apart());
+    assert_eq!([&paired, &few, &none].map(|fit| fit.slopes.n()), [Some(4); 3]);
     for fit in [paired, few, none] {
         let interval = fit.interval().unwrap();
         assert!(interval.low <= fit.exponent() && fit.exponent() <= interval.high, "{fit:?}");
-        assert!((fit.exponent() - 1.0).abs() < 0.05 && interval.half_width() < 0.2, "{fit:?}");
+        assert!((fit.exponent() - 1.0).abs() < 0.05 && interval.half_width() < 0.3, "{fit:?}");
     }
     let few = fitted(4, 100);
-    assert!(few.is_apart() && few.exponent().is_finite() && few.interval().is_none(), "{few:?}");
+    assert!(few.exponent().is_finite() && few.interval().is_none(), "{few:?}");
 }
 
 #[test]
-fn nothing_is_concluded_from_few_samples() {
+fn nothing_is_concluded_from_few_visits_nor_from_those_of_less_than_a_minute() {
     let test = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.5, high = inf }"#;
-    for rounds in 1..12 {
+    for rounds in 1..24 {
         let cells = drifting(&[1.0, 2.0], rounds, |n| n, 0.001, 2);
         let (verdict, reason) = ruled(test, &cells, true);
-        let enough = rounds as usize >= min_samples();
+        // Visits of three rounds, 15 s apart: the fourth ends at 47 s.
+        let enough = rounds > 12;
         assert_eq!(verdict == Supported, enough, "{rounds}: {reason}");
         assert_ne!(verdict, Contradicted, "{rounds}: {reason}");
     }
-    assert_eq!(min_samples(), 8);
+    // Of records that do not tell visits each sample counts, at a sixth of the level.
+    for rounds in [3, 7, 8] {
+        let mut cells = drifting(&[1.0, 2.0], rounds, |n| n, 0.001, 2);
+        cells.iter_mut().for_each(|cell| cell.measured_mut().unwrap().frame.visits.clear());
+        let (verdict, reason) = ruled(test, &cells, true);
+        assert_eq!(verdict == Supported, rounds == 8, "{rounds}: {reason}");
+        assert!(rounds == 8 || reason.ends_with("more samples are needed"), "{reason}");
+    }
 }
 
 #[test]
@@ -390,38 +402,23 @@ fn false_sentences_are_contradicted_and_true_ones_supported_every_time() {
 
 #[test]
 fn noise_supports_a_claim_no_more_often_than_the_stated_rate() {
-    // The figure lies exactly at the bound, and the samples are looked at as a run does: whichever look supports or
-    // contradicts ends the sampling.
+    // The figure lies exactly at the bound.
     let test = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.0, high = inf }"#;
     let trials = 400;
-    let (mut supported, mut contradicted) = (0, 0);
-    for trial in 0..trials {
-        let cells = drifting(&[1.0, 2.0], 192, |_| 5.0, 0.02, 1_000 + trial);
-        let look = |n: &usize| {
-            let mut cells = cells.clone();
-            for cell in &mut cells {
-                let measured = cell.measured_mut().unwrap();
-                measured.frame.rounds.truncate(*n);
-                measured.stages[0].samples_ns.truncate(*n);
-            }
-            ruled(test, &cells, true).0
-        };
-        match [12, 24, 48, 96, 192].iter().map(look).find(|verdict| verdict.is_settled()) {
-            Some(Supported) => supported += 1,
-            Some(_) => contradicted += 1,
-            None => {}
-        }
-    }
+    let cells = |trial| drifting(&[1.0, 2.0], 18, |_| 5.0, 0.02, 1_000 + trial);
+    let counts = verdicts(test, trials, cells);
+    let [supported, contradicted] =
+        [Supported, Contradicted].map(|verdict| counts.get(&verdict).copied().unwrap_or(0));
     // Three standard deviations above the rate.
     let max_count = CHANCE * trials as f64 + 3.0 * (CHANCE * trials as f64).sqrt();
     assert!(f64::from(supported) <= max_count, "{supported} of {trials}");
     assert!(f64::from(contradicted) <= max_count, "{contradicted} of {trials}");
-    // Looks that never decide would pass, too.
+    // A rule that never decides would pass, too.
     assert!(supported + contradicted > 0);
 }
 
 #[test]
-fn more_samples_than_there_are_settle_what_is_open() {
+fn more_visits_than_there_are_settle_what_is_open() {
     let bounded = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 0.99, high = inf }"#;
     let rounds = 24;
     let mut told = 0;
@@ -433,45 +430,12 @@ fn more_samples_than_there_are_settle_what_is_open() {
             let (verdict, reason) = ruled(test, &cells, true);
             let number = reason.split_once("; about ").and_then(|(_, rest)| rest.split(' ').next());
             if let Some(number) = number.filter(|_| !verdict.is_settled()) {
-                assert!(number.parse::<u32>().unwrap() > rounds, "{reason}");
+                assert!(number.parse::<u32>().unwrap() >= rounds / 3, "{reason}");
                 told += 1;
             }
         }
     }
     assert!(told > 10, "{told}");
-}
-
-#[test]
-fn unsettled_cells_are_those_whose_samples_could_settle_a_claim() {
-    let claims = r#"
-        [[claim]]
-        id = "open"
-        text = "x"
-        test.ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.0, high = inf }
-        [[claim]]
-        id = "settled"
-        text = "x"
-        test.ratio = { y = "stage:s", over = "n", numerator = 3, denominator = 1, low = 2.0, high = inf }
-        [[claim]]
-        id = "exact"
-        text = "x"
-        test.slope = { y = "quantity:error", x = "axis:n", over = "n", expected = 1.0, tolerance = 0.01 }
-        "#;
-    let experiment = own(&format!("{SWEPT}{claims}"));
-    let mut cells = drifting(&[1.0, 2.0, 3.0], 16, |n| if n > 2.0 { 3.0 } else { 1.0 }, 0.02, 9);
-    for (cell, error) in cells.iter_mut().zip([1.0, 2.02, 3.0]) {
-        cell.cell = format!("n={}", cell.axes["n"]);
-        cell.measured_mut().unwrap().quantities.insert("error".to_owned(), error);
-    }
-    let cells: Vec<&Cell> = cells.iter().collect();
-    let standing = experiment.standing(&cells, true);
-    // The open claim speaks of two cells; the exact one gains nothing from samples.
-    let rulings = experiment.rulings(&cells, true);
-    assert_eq!(rulings[1].verdict, Supported, "{rulings:?}");
-    assert_eq!(rulings[2].n, None);
-    assert_eq!(rulings[0].verdict, NearBound, "{rulings:?}");
-    assert_eq!(standing.open, [["n=1.0", "n=2.0"]]);
-    assert_eq!(standing.settled, rulings.iter().filter(|r| r.verdict.is_settled()).count());
 }
 
 #[test]

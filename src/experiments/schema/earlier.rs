@@ -4,7 +4,7 @@ use serde::{Deserialize, Deserializer, de};
 use serde_json::{Map, Value, json};
 use toml::Table;
 
-use super::{Plot, Test};
+use super::{Plot, Repetitions, Test};
 
 type Renamed = &'static [(&'static str, &'static str)];
 
@@ -31,6 +31,19 @@ pub(super) fn test<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Test, D
         test.insert(today.to_owned(), keys.into());
     }
     Test::deserialize(test).map_err(de::Error::custom)
+}
+
+/// Without the dense run and its bias.
+pub(super) fn repetitions<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<Repetitions>, D::Error> {
+    let mut repetitions = Table::deserialize(deserializer)?;
+    repetitions.remove("limit");
+    let outputs = repetitions.get_mut("output").and_then(toml::Value::as_array_mut);
+    for output in outputs.into_iter().flatten().filter_map(toml::Value::as_table_mut) {
+        output.remove("bias");
+    }
+    Repetitions::deserialize(repetitions).map(Some).map_err(de::Error::custom)
 }
 
 /// A map becomes lines over its columns, one for each row. Ratios become bars of the two values, a plot for each measure.

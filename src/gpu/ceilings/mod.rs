@@ -6,11 +6,13 @@
 
 mod compute;
 mod kernel;
+mod pacer;
 mod raster;
 #[cfg(test)]
 mod tests;
 mod waker;
 
+pub use pacer::Pacer;
 pub use waker::Waker;
 
 use self::kernel::{BenchKernel, KernelRun};

@@ -70,7 +70,7 @@ fn process(place: &Path, origin: Origin, text: &str, random: &mut Pcg64) -> Resu
         for _ in 0..random.random_range(1..4) {
             let stages = vec![StageTime { ns, ..StageTime::zero("a") }];
             let frame = FrameSample { stages, gaps_ns: 0.0, envelope_ns: ns, faults: Vec::new() };
-            samples.add(frame, ns, 0, 0.0, None);
+            samples.add(frame, ns, 0, 0.0, None, None);
         }
         let unfinished = Note::new(NoteKind::Unfinished, "killed");
         let measured = Measured {

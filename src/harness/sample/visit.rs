@@ -91,7 +91,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use fathom_base::statistics::{median, ratio_estimate};
+    use fathom_base::statistics::{estimate, median};
 
     fn cells(visit: &[VisitFrame]) -> Vec<usize> {
         visit.iter().map(|frame| frame.cell).collect()
@@ -176,7 +176,7 @@ mod tests {
         }
         let estimates = (0..TWINS).map(|twin| {
             let [a, b] = [&taken[2 * twin], &taken[2 * twin + 1]];
-            ratio_estimate(&a.iter().copied().zip(b.iter().copied()).collect_vec())
+            estimate(&a.iter().zip(b).map(|(a, b)| a / b).collect_vec())
         });
         let estimates = estimates.collect_vec();
         let widths = estimates.iter().map(|e| e.relative_half_width()).collect_vec();

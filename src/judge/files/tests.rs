@@ -15,7 +15,7 @@ fn run(adapter: &str) -> Record {
 
 /// A cell whose stages all last so long.
 fn measured(stages: &[&str], ns: f64) -> Outcome {
-    let stage = |stage: &&str| StageRecord::new(*stage, record::Clock::Timestamp, vec![ns; 5]);
+    let stage = |stage: &&str| StageRecord::new(*stage, record::Clock::Timestamp, vec![ns; 5], &[]);
     Outcome::Measured(Box::new(Measured {
         stages: stages.iter().map(stage).collect(),
         allocated_bytes: 1,

@@ -101,7 +101,7 @@ fn a_run_on_a_machine_at_rest_is_quiet() {
     for seed in 0..10 {
         let verdict = MachineModel { seed, ..QUIET }.verdict(|_| AT_REST);
         assert_eq!(verdict.noise, Noise::Quiet, "{seed}: {verdict:?}");
-        assert_eq!((verdict.cells, verdict.target, verdict.is_precise()), (24, 0.02, true));
+        assert_eq!((verdict.cells, verdict.with_interval, verdict.is_short()), (24, 24, false));
     }
 }
 
@@ -120,6 +120,21 @@ fn a_run_beside_a_process_that_works_and_rests_is_noisy() {
 }
 
 #[test]
+fn fixed_kernels_beside_the_frames_decide_where_they_were_run() {
+    for (scatter, slower, noise) in [(0.01, 1.15, Noise::Noisy), (0.2, 1.0, Noise::Quiet)] {
+        let mut records = MachineModel { scatter, ..QUIET }.records(|_| AT_REST);
+        for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut) {
+            let frame = &mut measured.frame;
+            let in_odd_minutes = |at_s: &f64| (at_s / 60.0) as u64 % 2 == 1;
+            let ns = |at_s| if in_odd_minutes(at_s) { [1e6, 2e6 * slower] } else { [1e6, 2e6] };
+            frame.pacer_ns = frame.sampled_at_s.iter().map(ns).collect();
+        }
+        let verdict = verdict(&records);
+        assert_eq!(verdict.noise, noise, "{verdict:?}");
+    }
+}
+
+#[test]
 fn stolen_time_makes_a_run_noisy() {
     let mut records = QUIET.records(|_| AT_REST);
     for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut) {
@@ -132,10 +147,10 @@ fn stolen_time_makes_a_run_noisy() {
 
 /// A cell that has too few samples is no sign of noise.
 #[test]
-fn a_short_run_is_quiet_and_asks_for_samples() {
+fn a_short_run_is_quiet_and_asks_for_visits() {
     let verdict = MachineModel { minutes: 0.7, ..QUIET }.verdict(|_| AT_REST);
     assert_eq!(verdict.noise, Noise::Quiet, "{verdict:?}");
-    assert!(!verdict.is_precise());
+    assert!(verdict.is_short() && !verdict.has_intervals());
 }
 
 #[test]

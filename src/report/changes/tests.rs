@@ -88,7 +88,7 @@ fn every_time_stands_beside_its_like_with_the_intervals_of_both_runs() {
         rows.find(|fields| fields.starts_with(&place)).expect(table).split_off(2)
     };
     let [before, after] = [default(&mut base), default(&mut head)];
-    let frames = [&before.frame, &after.frame].map(|frame| ms(&frame.untimed, &[]));
+    let frames = [&before.frame, &after.frame].map(|frame| ms(&frame.untimed));
     assert_eq!(row("frame"), [&frames[0], &frames[1], "3.00"]);
     let [first, second, ..] = &after.stages[..] else { panic!() };
     assert_eq!(row(&first.stage), [&stage_ms(first), &stage_ms(first), "–"], "another clock");

@@ -38,7 +38,7 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
         let [label, color] = placed(plot, cell, input.experiment)?;
         let bar = MeasureBar {
             series: series.insert_full(color).0,
-            value: value.estimate().scaled(factor),
+            value: value.figure().scaled(factor),
             n: value.n(),
             published: input.published(cell, y).map(Published::span_ms),
         };

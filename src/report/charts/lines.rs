@@ -232,7 +232,7 @@ fn series(
         let measured = cell.measured()?;
         let reading = y.read(cell, measured)?;
         let x = x.read(cell, measured)?.median() * factors[0];
-        let value = reading.estimate().scaled(factors[1]);
+        let value = reading.figure().scaled(factors[1]);
         counts.extend(reading.n());
         let n = reading.n().map_or_else(String::new, |n| format!(", n = {n}"));
         Some(Point {

@@ -308,7 +308,7 @@ mod tests {
             ("spt-photons", "time (ms), log", 4),
             ("spt-photons", "sprites/draw", 1),
             ("spt-photons", "ldi/peel", 1),
-            ("uw-tessellation", "n = 15", 4),
+            ("uw-tessellation", "n = 5", 4),
             ("uw-tessellation", "loop bound dynamic", 1),
         ] {
             let svg = &svgs[&format!("{file}.svg")];

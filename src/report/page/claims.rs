@@ -11,7 +11,7 @@ use crate::document::{self, Block, ColumnKind, Line, Span, Table, Tone};
 use crate::format::three;
 use crate::{Report, Section};
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{ClaimOrigin, LOOKS, RuledFigure, Ruling, Verdict};
+use fathom_experiments::{ClaimOrigin, RuledFigure, Ruling, Verdict};
 use fathom_record::{Estimate, Interval};
 
 pub const SECTION: PageSection = PageSection {
@@ -65,13 +65,11 @@ pub fn parts(page: &Page<'_>) -> Vec<Block> {
     rows.sort_by(|a, b| {
         a.verdict().cmp(&b.verdict()).then_with(|| b.excess().total_cmp(&a.excess()))
     });
-    let lead = format!(
-        "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, near the \
+    let lead = "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, near the \
          bound if the bound is our own and the figure is not told from it, and otherwise inconclusive. \
-         The interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: a run looks at its \
-         samples up to {LOOKS} times, and a claim that compares several figures could fail by chance in each. On the page the dot is the \
-         measured figure, the line its interval, the shaded part the claim's band, and the diamond the published figure."
-    );
+         Claims are read once, when sampling has ended; that of a claim which is contradicted by one of several figures is wider than 95 %, as \
+         it could fail by chance in each. On the page the dot is the \
+         measured figure, the line its interval, the shaded part the claim's band, and the diamond the published figure.";
     let of =
         |whose| part(page, whose, rows.iter().filter(|row| row.claim.origin() == whose).collect());
     std::iter::once(Block::paragraph(lead))
@@ -111,14 +109,8 @@ fn part(page: &Page<'_>, whose: ClaimOrigin, rows: Vec<&RuledClaim<'_>>) -> Vec<
 }
 
 fn table_of(page: &Page<'_>, rows: &[&RuledClaim<'_>], about: &str) -> Table {
-    let columns = [
-        "Verdict",
-        "Claim",
-        "Measured (interval for the claim)",
-        "Against its band",
-        "Band",
-        "Published",
-    ];
+    let columns =
+        ["Verdict", "Claim", "Measured (interval)", "Against its band", "Band", "Published"];
     let fields = rows.iter().flat_map(|row| fields(page, row));
     Table::new(about, columns)
         .with(ColumnKind::Sentences, &columns[1..2])
@@ -198,7 +190,7 @@ fn grounds(claim: &Claim, ruling: &Ruling) -> Block {
 /// Every comparison of a claim that has several.
 fn comparisons(ruling: &Ruling) -> Option<Block> {
     let all = || ruling.deciding.iter().chain(&ruling.others);
-    let columns = ["Verdict", "Comparison", "Measured (interval for the claim)", "Band"];
+    let columns = ["Verdict", "Comparison", "Measured (interval)", "Band"];
     let row = |figure: &RuledFigure| -> [Line; 4] {
         let verdict = Span::Chip(Tone::from_verdict(figure.verdict), figure.verdict.to_string());
         [verdict.into(), figure.name.as_str().into(), figure.text().into(), figure.limits().into()]

@@ -38,8 +38,7 @@ pub fn parts(page: &Page<'_>) -> Vec<Block> {
         return Vec::new();
     }
     let about = "Exponents b of y ∝ xᵇ, fitted to the cells whose fixed cost is at most a tenth of the time: 1 is linear. The interval is that of \
-                 95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact. Of medians: cells were \
-                 measured apart, so medians are fitted, and the interval is by resampling each cell.";
+                 95 % over visits, or the extremes with one cell left out where figures are exact.";
     vec![Block::paragraph(about), Block::Table(table)]
 }
 

@@ -98,7 +98,7 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
     if let Some(first) = rows.first_mut() {
         let (cell, times) = (frame.cell, &frame.measured.frame);
         let place = format!(" ({} {}, {})", cell.experiment, cell.cell, frame.conditions());
-        let (ms, n) = (format::ms(&times.untimed, &times.untimed_samples_ns), times.untimed.n);
+        let (ms, n) = (format::ms(&times.untimed), times.untimed.n);
         let summary = Line::from(format!("{}: {ms} ms, n = {n}", cell.pipeline));
         first[0] = summary.and(Span::Faint(place)).into();
     }

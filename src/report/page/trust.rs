@@ -21,12 +21,20 @@ pub const SECTION: PageSection = PageSection {
     write: |page| document::html_if_any(parts(page)),
 };
 
+/// What an interval is of, and what it is not of.
+const OF_INTERVALS: &str = "An interval of 95 % is over visits to a cell, at least 10 s apart, and n counts visits: below four there is none. It says what \
+    further minutes of this machine would give, in the states that the run met. It says nothing of another day, another machine or \
+    another driver.";
+
 fn parts(page: &Page<'_>) -> Vec<Block> {
     let mut parts = Vec::new();
     for on_page in &page.runs {
         let view = on_page.view;
         let Some(run) = trust::worst(view) else { continue };
         parts.extend(page.heading(on_page));
+        if view.timed().any(|(_, measured)| !measured.frame.visits.is_empty()) {
+            parts.push(Block::paragraph(OF_INTERVALS));
+        }
         let verdict = Line::from(Span::Bold(trust::verdict(run)));
         parts.push(Block::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
         if view.runs.len() > 1 {

@@ -289,7 +289,7 @@ fn pages_with_pictures_sort_filter_slide_and_obey_keys() {
             ("b", format!("run uw-default {SMALL}"), "51%Left: base. "),
             ("c", format!("sweep volume_ao --scene plane --axis ao.rays=4,8,16 {sizes}"), ""),
         ] {
-            place.fathom(format!("{command} --precision 1 --budget 10m --out {out}")).ends(0);
+            place.fathom(format!("{command} --visits 1 --budget 10m --out {out}")).ends(0);
             let page = place.path(out).join("index.html");
             values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser, &page);
             let seen = browser.eval(

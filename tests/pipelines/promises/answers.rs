@@ -41,7 +41,7 @@ fn a_kept_answer_is_that_of_its_own_question() {
             let (frame, scene) = (subject.build(&gpu).unwrap(), &subject.scene);
             gpu.run(&frame.stages()).unwrap();
             let judged = |references: &mut ReferenceCache| {
-                let judge = &mut Judge { gpu: &gpu, scene, references, requested: &[] };
+                let judge = &mut Judge::new(&gpu, scene, references);
                 let judged = frame.judge(judge).unwrap();
                 format!("{:?} {:?}", judged.errors, judged.quantities)
             };

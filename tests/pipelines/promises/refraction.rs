@@ -60,7 +60,7 @@ fn exits_from_random_solids_are_exact() {
         let frame = built::<ScreenRefraction>(&gpu, &scene, &params);
         let p90_deg = |scene: &Rc<Scene>| {
             let mut known = ReferenceCache::default();
-            let judge = &mut Judge { gpu: &gpu, scene, references: &mut known, requested: &[] };
+            let judge = &mut Judge::new(&gpu, scene, &mut known);
             frame.pipeline.judge(judge).unwrap().errors[1].value
         };
         let found = p90_deg(&scene);

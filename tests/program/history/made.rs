@@ -24,7 +24,7 @@ fn cell(number: usize, ns: f64) -> Record {
     let untimed_samples_ns = samples(2.0 * ns);
     let untimed = estimate(&untimed_samples_ns);
     let measured = Measured {
-        stages: vec![StageRecord::new("caustics/trace", Clock::ProcessCpu, samples(ns))],
+        stages: vec![StageRecord::new("caustics/trace", Clock::ProcessCpu, samples(ns), &[])],
         frame: FrameRecord { untimed_samples_ns, untimed, ..FrameRecord::default() },
         errors: vec![ErrorFigure::new("photon_error_p99_m", 0.25, "m", "caustics/trace")],
         ..Measured::default()

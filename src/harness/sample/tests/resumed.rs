@@ -20,9 +20,9 @@ fn latest(kept: &SavedSamples) -> BTreeMap<usize, Samples> {
     latest.collect()
 }
 
-/// What a whole run leaves behind.
+/// What a whole run leaves behind: five visits.
 fn whole() -> Mock {
-    Mock::new(cells()).run(&SETTINGS)
+    Mock::new(cells()).run_visits(5, &SETTINGS)
 }
 
 /// A run that has this from before.
@@ -41,7 +41,7 @@ fn a_cell_is_kept_after_its_first_pair_and_then_every_few_seconds() {
         assert!(at_s.len() > 2 && pairs.is_sorted(), "{at_s:?} {pairs:?}");
         // A visit to a slow cell takes two seconds, its warm-up two more.
         let longest_s = at_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-        assert!(longest_s <= KEEP_INTERVAL_S + 4.0, "{at_s:?}");
+        assert!(longest_s <= KEEP_INTERVAL_S + VISIT_S + 4.0, "{at_s:?}");
     }
     assert!(!mock.samples(0).rejected.is_empty());
 }
@@ -60,10 +60,9 @@ fn a_run_that_was_killed_at_any_moment_goes_on_with_all_that_was_kept() {
             assert_eq!(after.pairs[..pairs], before.pairs);
             let all = after.pairs();
             assert!(all > pairs, "{all} of {pairs}: a frame is rendered to read figures from");
-            let had_all = pairs >= whole.samples(cell).pairs();
-            assert!(!had_all || all == pairs + 1, "{all} of {pairs}");
+            assert!(all <= pairs + VISIT_PAIRS, "{all} of {pairs}: one visit more");
             assert!(after.pairs.iter().all(|pair| after.has_stages(&pair.stages)));
-            assert!(after.warm_up_frames >= before.warm_up_frames + 2);
+            assert!(after.warm_up_frames > before.warm_up_frames);
             for (reason, count) in &before.rejected {
                 assert!(after.rejected[reason] >= *count);
             }
@@ -76,7 +75,7 @@ fn an_interruption_keeps_what_has_too_little_and_leaves_what_rendered_nothing() 
     // In the warm-up of the first cell that is visited, and after all cells have a few pairs.
     let early = Mock { interrupt_at_s: Some(0.001), ..resumed(&whole().kept) }.run(&SETTINGS);
     assert!(early.results.is_empty() && early.kept.is_empty());
-    let late = Mock { interrupt_at_s: Some(15.0), ..Mock::new(cells()) }.run(&SETTINGS);
+    let late = Mock { interrupt_at_s: Some(8.0), ..Mock::new(cells()) }.run(&SETTINGS);
     assert!(late.results.is_empty());
     let kept = latest(&late.kept);
     let count = |did| late.calls.iter().filter(|call| **call == (did, 0)).count();
