@@ -38,7 +38,7 @@ pub mod exporters;
 
 pub use fathom_base::{
     choices, embedded, folder, input, npy, parameter, print, private, process, quiet, settings,
-    statistics, text,
+    statistics, text, visits,
 };
 pub use fathom_clock as clock;
 pub use fathom_compare as compare;

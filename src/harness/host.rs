@@ -35,6 +35,5 @@ pub fn costs(
         stages: stages.iter().enumerate().map(encoding).collect(),
         encode: estimated(&|frame| frame.frame_ns),
         submit: estimate(&submits_ns),
-        creation: None,
     })
 }

@@ -82,7 +82,7 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 
-    /// `1:24 of 4:00, 120 of 337 cells, 31 of 91 claims settled`
+    /// `1:24 of 4:00, 120 of 337 cells, 31 of 91 claims settled so far`
     fn line(&self) -> String {
         let (used, budget) = (clock(self.start.elapsed().as_secs_f64()), clock(self.budget_s));
         let cells = format!("{} of {} cells", self.finished.len(), self.cells);
@@ -90,7 +90,7 @@ impl Progress {
         match (sum(|claims| claims.0), sum(|claims| claims.1)) {
             (_, 0) => format!("{used} of {budget}, {cells}"),
             (settled, all) => {
-                format!("{used} of {budget}, {cells}, {settled} of {all} claims settled")
+                format!("{used} of {budget}, {cells}, {settled} of {all} claims settled so far")
             }
         }
     }
@@ -119,7 +119,7 @@ mod tests {
         progress.set_settled(0, 1, 2);
         progress.set_settled(4, 0, 3);
         progress.set_settled(0, 2, 2);
-        assert_eq!(progress.line(), "0:00 of 4:00, 2 of 3 cells, 2 of 5 claims settled");
+        assert_eq!(progress.line(), "0:00 of 4:00, 2 of 3 cells, 2 of 5 claims settled so far");
         assert_eq!(clock(3_725.0), "62:05");
     }
 }

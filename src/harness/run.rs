@@ -451,6 +451,7 @@ impl Measurement<'_> {
             if self.report_if_due(&batch) {
                 continue;
             }
+            self.schedule.begin(&batch);
             let before = (self.round, self.output.records.len());
             self.sample(&batch, deadline_s)?;
             self.look(batch.experiment);

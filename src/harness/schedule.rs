@@ -83,6 +83,8 @@ pub struct Batch {
     pub cells: Vec<usize>,
     /// Of what a page shows first.
     pub is_first: bool,
+    /// The unit that is begun with it.
+    begins: Option<usize>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -110,7 +112,7 @@ pub struct Schedule {
 
 impl Schedule {
     /// What to do now, if `left_s` are left. A run that has measured nothing begins one batch whatever is foreseen, if there is any time.
-    pub fn next(&mut self, now_s: f64, left_s: f64) -> Next {
+    pub fn next(&self, now_s: f64, left_s: f64) -> Next {
         let left_s = if self.has_measured() || left_s <= 0.0 { left_s } else { f64::INFINITY };
         let min_visits = MIN_VISITS.min(self.max_visits);
         if let Some(batch) = self.first_batch(left_s) {
@@ -118,8 +120,8 @@ impl Schedule {
         }
         let owed_s = self.owed_s(min_visits);
         if let Some(unit) = self.unit_to_begin(left_s, owed_s, min_visits) {
-            self.units[unit].is_promised = true;
-            return Next::Visit(self.batch(unit, self.max_visits));
+            let batch = self.batch(unit, self.max_visits);
+            return Next::Visit(Batch { begins: Some(unit), ..batch });
         }
         let promised = self.due(now_s, min_visits, |unit| unit.is_promised);
         let fewest = |unit: &usize| (self.fewest_visits(*unit), self.visited_s(*unit));
@@ -140,6 +142,13 @@ impl Schedule {
         self.wait(now_s, left_s)
     }
 
+    /// This batch is visited now.
+    pub fn begin(&mut self, batch: &Batch) {
+        if let Some(unit) = batch.begins {
+            self.units[unit].is_promised = true;
+        }
+    }
+
     /// Something was measured, now or before.
     pub fn has_measured(&self) -> bool {
         self.all().any(|cell| cell.recorded && !cell.is_excluded)
@@ -154,7 +163,8 @@ impl Schedule {
         let alone = self.first.iter().map(|(experiment, cell)| (*experiment, vec![*cell]));
         let batches = alone.chain(self.sweeps.iter().cloned()).map(|(experiment, cells)| {
             let is_new = |cell: &usize| self.cells[experiment][*cell].is_new();
-            Batch { experiment, cells: cells.into_iter().filter(is_new).collect(), is_first: true }
+            let cells = cells.into_iter().filter(is_new).collect();
+            Batch { experiment, cells, is_first: true, begins: None }
         });
         self.cheapest(batches, left_s)
     }
@@ -192,7 +202,7 @@ impl Schedule {
         let of_unit = |ClaimUnit { experiment, cells, .. }: &ClaimUnit| {
             let is_new = |cell: &&usize| self.cells[*experiment][**cell].is_new();
             let cells = cells.iter().filter(is_new).copied().collect();
-            Batch { experiment: *experiment, cells, is_first: false }
+            Batch { experiment: *experiment, cells, is_first: false, begins: None }
         };
         let units = self.units.iter().map(of_unit);
         self.cheapest(units.clone(), left_s).or_else(|| {
@@ -274,7 +284,7 @@ impl Schedule {
     fn batch(&self, unit: usize, visits: usize) -> Batch {
         let ClaimUnit { experiment, cells, .. } = &self.units[unit];
         let lacking = cells.iter().copied().filter(|cell| self.state(unit, *cell).lacks(visits));
-        Batch { experiment: *experiment, cells: lacking.collect(), is_first: false }
+        Batch { experiment: *experiment, cells: lacking.collect(), is_first: false, begins: None }
     }
 
     fn state(&self, unit: usize, cell: usize) -> &CellState {

@@ -407,9 +407,6 @@ pub struct HostCosts {
     pub encode: Estimate,
     /// Until the submission of the whole frame returns. A driver that works in the calling thread does the frame's work in it.
     pub submit: Estimate,
-    /// To make the cell's pipelines, where none of them had been made before.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub creation: Option<PipelineCreation>,
 }
 
 /// What the CPU takes to encode a stage.
@@ -419,17 +416,6 @@ pub struct StageEncoding {
     pub stage: String,
     /// Nanoseconds.
     pub encode: Estimate,
-}
-
-/// Making of a cell's pipelines, by wall time. A driver may compile a part of their code later, in the first frame.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct PipelineCreation {
-    /// How many pipelines the cell has.
-    pub pipelines: u32,
-    /// All of them the first time in the process, nanoseconds. The driver's cache on disk may know them from earlier runs.
-    pub first_ns: f64,
-    /// All of them once more in the same process, nanoseconds.
-    pub again_ns: f64,
 }
 
 impl Measured {

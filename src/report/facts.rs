@@ -153,7 +153,8 @@ pub fn open_items(view: &Report<'_>) -> Vec<String> {
     let mut open = Vec::new();
     if let Some(RunProgress { used_s, budget_s, reached, cells }) = view.standing {
         open.push(format!(
-            "The run goes on: {used_s:.0} of {budget_s:.0} s are used, {} of {cells} cells are not reached yet.",
+            "The run goes on: {used_s:.0} of {budget_s:.0} s are used, {} of {cells} cells are not reached yet. \
+             Figures and verdicts are so far: claims are read at the end.",
             cells.saturating_sub(reached)
         ));
     }

@@ -96,7 +96,9 @@ fn goes_on(before: &[Cell], after: &[Cell]) {
     for cell in after {
         let after = measured(cell);
         let all = after.frame.untimed_samples_ns.len();
-        assert!(all >= 3 && after.frame.untimed.n == all && after.frame.timing_cost.n == all);
+        let visits = after.frame.visits.last().map_or(0, |last| *last as usize + 1);
+        assert!(visits > 0 && after.frame.visits.len() == all);
+        assert_eq!([after.frame.untimed.n, after.frame.timing_cost.n], [visits; 2]);
         assert!(after.is_finished() && !after.quantities.is_empty());
         let Some(before) = before.iter().find(|of| of.cell == cell.cell).map(measured) else {
             continue;

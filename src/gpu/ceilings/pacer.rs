@@ -6,7 +6,7 @@ use super::{FrameTimer, TestBench};
 use crate::{ClockPlan, Gpu, GpuError, HostClock};
 
 /// What the second kernel clears: more than the caches of one core hold.
-const BYTES: u64 = 32 << 20;
+const BYTES: u64 = 16 << 20;
 
 /// Two small kernels beside the frames of a visit: arithmetic, and writes to memory. Their times are in the record, and by how much they
 /// scatter between visits a run is quiet or noisy.

@@ -59,6 +59,7 @@ impl SimulatedRun {
                 Next::End => return false,
             }
         };
+        self.schedule.begin(&batch);
         let begun_s = self.now_s;
         for cell in &batch.cells {
             let Cost { prepare_s, frame_s, finish_s } = self.costs[batch.experiment][*cell];

@@ -1,8 +1,8 @@
-//! What a frame costs the CPU: encoding, submission, making of pipelines.
+//! What a frame costs the CPU: encoding and submission.
 
 use super::{Fold, Page, PageRun, PageSection};
 use crate::document::{self, Block, ColumnKind, Table};
-use crate::format::{NS_PER_MS, interval, three};
+use crate::format::interval;
 use fathom_base::statistics::Estimate;
 use fathom_record::{Cell, HostCosts};
 use itertools::Itertools;
@@ -29,8 +29,7 @@ fn costs<'a>(run: &PageRun<'a>) -> Vec<(&'a Cell, &'a HostCosts)> {
 
 fn parts(page: &Page<'_>) -> Vec<Block> {
     let lead = "One cell per pipeline. Encoding and submission are CPU time of the thread that does them (on Linux), with the interval at 95 %. \
-                A software driver may do a frame's work within the submission. The driver's cache on disk may know pipelines from earlier runs; \
-                a driver may compile a part of their code in the first frame, which is not in these figures.";
+                A software driver may do a frame's work within the submission.";
     page.each_run(lead, |run| {
         let costs = costs(run);
         let table = (!costs.is_empty()).then(|| Block::Table(frames(&costs)));
@@ -39,23 +38,10 @@ fn parts(page: &Page<'_>) -> Vec<Block> {
 }
 
 fn frames(costs: &[(&Cell, &HostCosts)]) -> Table {
-    let columns = [
-        "pipeline",
-        "cell",
-        "encode (µs)",
-        "submit (µs)",
-        "pipelines",
-        "make, first (ms)",
-        "again (ms)",
-    ];
+    let columns = ["pipeline", "cell", "encode (µs)", "submit (µs)"];
     let rows = costs.iter().map(|(cell, host)| {
-        let made = host.creation.as_ref().map(|made| {
-            let [first, again] = [made.first_ns, made.again_ns].map(|ns| three(ns / NS_PER_MS));
-            [made.pipelines.to_string(), first, again]
-        });
-        let [pipelines, first, again] = made.unwrap_or_else(|| ["–"; 3].map(str::to_owned));
         let [encode, submit] = [&host.encode, &host.submit].map(spread);
-        [cell.pipeline.clone(), cell.cell.clone(), encode, submit, pipelines, first, again]
+        [cell.pipeline.clone(), cell.cell.clone(), encode, submit]
     });
     Table::new("What a frame of each pipeline costs the CPU", columns)
         .with(ColumnKind::Numbers, &columns[2..])
