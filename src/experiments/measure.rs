@@ -111,10 +111,12 @@ impl Quantity {
         Quantity::Sampled(values.iter().enumerate().map_while(sample).collect())
     }
 
-    fn from_repetitions(values: &[f64]) -> Quantity {
+    /// Of this cell, whose record may not tell visits.
+    fn from_repetitions(cell: &FrameRecord, values: &[f64]) -> Quantity {
+        let is_earlier = cell.visits.len() < cell.rounds.len();
         let sample = |(number, value): (u32, &f64)| RoundSample {
             round: number,
-            visit: Some(number),
+            visit: (!is_earlier).then_some(number),
             at_s: f64::NAN,
             value: *value,
         };
@@ -443,7 +445,7 @@ impl Term {
 /// A repeated quantity has a value for each repetition; any other is exact.
 fn quantity(name: &str, measured: &Measured) -> Option<Quantity> {
     match measured.repeated.get(name) {
-        Some(values) => Some(Quantity::from_repetitions(values)),
+        Some(values) => Some(Quantity::from_repetitions(&measured.frame, values)),
         None => measured.figures().get(name).copied().map(Quantity::Exact),
     }
 }

@@ -7,8 +7,6 @@ use fathom_record::{HostCosts, StageEncoding};
 
 /// Frames that are encoded: enough for an interval at 95 %.
 const ENCODINGS: usize = 15;
-/// Submissions at least: the fewest that have an interval.
-const MIN_SUBMISSIONS: usize = 6;
 
 /// The costs of a cell. `submits_ns` are those of its untimed frames.
 pub fn costs(
@@ -26,14 +24,10 @@ pub fn costs(
         stage: stage.name().into(),
         encode: estimated(&|frame| frame.stages_ns[place]),
     };
-    // The first untimed frame belongs to the warm-up.
-    let mut submits_ns = submits_ns.iter().skip(1).copied().collect::<Vec<f64>>();
-    while submits_ns.len() < MIN_SUBMISSIONS {
-        submits_ns.push(timer.on_host(gpu, &stages)?.submit_ns);
-    }
     Ok(HostCosts {
         stages: stages.iter().enumerate().map(encoding).collect(),
         encode: estimated(&|frame| frame.frame_ns),
-        submit: estimate(&submits_ns),
+        // The first untimed frame belongs to the warm-up.
+        submit: estimate(&submits_ns[submits_ns.len().min(1)..]),
     })
 }

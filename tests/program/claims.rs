@@ -67,9 +67,9 @@ fn one_cell_tells_what_it_costs_the_cpu(cells: &[Cell]) {
     let host = measured.host.as_ref().unwrap();
     let encoded = host.stages.iter().map(|stage| &stage.stage);
     assert!(encoded.eq(measured.stages.iter().map(|stage| &stage.stage)), "{host:?}");
-    let mut spent =
-        host.stages.iter().map(|stage| &stage.encode).chain([&host.encode, &host.submit]);
-    assert!(spent.all(|spent| spent.median > 0.0 && spent.interval.is_some()), "{host:?}");
+    let mut encoded = host.stages.iter().map(|stage| &stage.encode).chain([&host.encode]);
+    assert!(encoded.all(|spent| spent.median > 0.0 && spent.interval.is_some()), "{host:?}");
+    assert!(host.submit.median > 0.0, "{host:?}");
 }
 
 fn rulings(experiment: &str, cells: &[Cell]) -> Vec<Ruling> {

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use super::Verdict::{Contradicted, Inconclusive, NearBound, NotRun, Supported};
 use super::*;
 use crate::fixtures::{OWN, noisy, own, sampled_at_s, timed};
-use fathom_base::visits::{self, MIN_VISITS};
+use fathom_base::visits;
 use fathom_record::{Clock, Fenced, FrameRecord, Measured, Note, Outcome, Work};
 
 /// A cell with one axis, one stage and one quantity; the frame takes as long as the stage.
