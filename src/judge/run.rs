@@ -117,7 +117,7 @@ impl RunVerdict {
         let cores = machine.and_then(|machine| machine.cores).unwrap_or(run.adapter.host_threads);
         let load = load(frames, cores);
         let (cells, half_width) = (frames.len(), statistics::median(&widths));
-        let (noise, seconds) = (Noise::Quiet, sessions(frames).iter().map(lasts_s).sum());
+        let (noise, seconds) = (Noise::Quiet, sessions(frames).iter().map(|samples| lasts_s(samples)).sum());
         let mut verdict =
             Self { noise, cells, with_interval, half_width, scatter, seconds, load, drift };
         verdict.noise = match verdict.exceeded().next().map(|figure| figure.criterion) {
@@ -215,7 +215,7 @@ struct TimeSpan {
 /// one cell are compared, so cells need not be measured at the same time.
 fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
     let sessions = sessions(frames);
-    let longest_s = sessions.iter().map(lasts_s).fold(0.0, f64::max);
+    let longest_s = sessions.iter().map(|samples| lasts_s(samples)).fold(0.0, f64::max);
     let (mut pairs, mut first) = (Vec::new(), 0);
     for spans in sessions.iter().map(|samples| spans(samples)) {
         pairs.extend(slopes(&spans, first));
@@ -226,7 +226,7 @@ fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
     Some(Drift { per_minute, minutes: longest_s / 60.0 })
 }
 
-fn lasts_s(samples: &Vec<UntimedFrame>) -> f64 {
+fn lasts_s(samples: &[UntimedFrame]) -> f64 {
     let ends = samples.first().zip(samples.last());
     ends.map_or(0.0, |(first, last)| last.at_s - first.at_s)
 }
