@@ -6,8 +6,6 @@
 //! An interval exists only where there are enough samples for its level. No distribution is assumed: an interval of the median
 //! is bounded by two of the samples, and its coverage follows from the binomial distribution alone.
 
-use std::collections::HashMap;
-
 use itertools::Itertools;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -211,43 +209,6 @@ fn slopes(points: &[(f64, f64)]) -> Vec<f64> {
 /// Quantile of the standard normal distribution for an interval of 95 %.
 pub const Z_95: f64 = 1.959_964;
 
-/// A slope between two moments, which are told apart by numbers in the order of time.
-#[derive(Clone, Copy, Debug)]
-pub struct PairSlope {
-    pub earlier: usize,
-    pub later: usize,
-    pub slope: f64,
-}
-
-/// The median of slopes between pairs of moments, with its 95 % interval; `n` counts moments. Some pairs may be missing. What the
-/// moments have besides a trend is taken for independent. Sen, *J. Am. Stat. Assoc.* 63 (1968), with the variance of Kendall's S
-/// added up over the pairs that there are. `None` without a pair.
-pub fn slope_of_pairs(pairs: &[PairSlope]) -> Option<Estimate> {
-    let slopes = sorted(&pairs.iter().map(|pair| pair.slope).collect_vec());
-    let reach = Z_95 * kendall_variance(pairs).sqrt();
-    let all = slopes.len() as f64;
-    let [low, high] = [(all - reach) / 2.0, (all + reach) / 2.0 + 1.0];
-    let interval = (low >= 1.0 && high <= all).then(|| Interval {
-        low: slopes[low as usize - 1],
-        high: slopes[high.ceil() as usize - 1],
-    });
-    let n = pairs.iter().flat_map(|pair| [pair.earlier, pair.later]).unique().count();
-    (n > 0).then(|| Estimate { median: median_of_sorted(&slopes), interval, n })
-}
-
-/// Variance of Kendall's S without a trend: 1 for each pair, and for two pairs with a moment in common twice 1/3 where it is the
-/// earlier or the later one of both, else twice -1/3.
-fn kendall_variance(pairs: &[PairSlope]) -> f64 {
-    let (earlier, later) =
-        (pairs.iter().counts_by(|pair| pair.earlier), pairs.iter().counts_by(|pair| pair.later));
-    let two_of = |counts: &HashMap<usize, usize>| {
-        counts.values().map(|n| (n * (n - 1)) as f64 / 2.0).sum::<f64>()
-    };
-    let opposed = earlier.iter().filter_map(|(moment, n)| Some((n * later.get(moment)?) as f64));
-    let agreeing = two_of(&earlier) + two_of(&later);
-    pairs.len() as f64 + 2.0 / 3.0 * (agreeing - opposed.sum::<f64>())
-}
-
 fn sorted(samples: &[f64]) -> Vec<f64> {
     samples.iter().copied().sorted_by(f64::total_cmp).collect()
 }
@@ -411,46 +372,5 @@ mod tests {
             prop_assert!(close(reversed.median, e.median) && reversed.n == e.n);
             prop_assert!(close(reversed.ends()[0], low) && close(reversed.ends()[1], high));
         }
-    }
-
-    fn all_pairs(points: &[(f64, f64)]) -> Vec<PairSlope> {
-        let pairs = points.iter().enumerate().array_combinations();
-        let pair = |[(earlier, a), (later, b)]: [(usize, &(f64, f64)); 2]| PairSlope {
-            earlier,
-            later,
-            slope: (b.1 - a.1) / (b.0 - a.0),
-        };
-        pairs.map(pair).collect()
-    }
-
-    /// A third of the pairs is missing.
-    #[test]
-    fn a_slope_of_pairs_covers_the_truth() {
-        const TRUTH: f64 = 0.3;
-        let mut random = Pcg64::seed_from_u64(9);
-        let mut covered = 0;
-        for _ in 0..300 {
-            let points = (0..24).map(f64::from).map(|x| (x, TRUTH * x + normal(&mut random)));
-            let mut pairs = all_pairs(&points.collect_vec());
-            pairs.retain(|pair| (pair.earlier + pair.later) % 3 > 0);
-            let found = slope_of_pairs(&pairs).unwrap();
-            assert_eq!(found.n, 24);
-            let Interval { low, high } = found.interval.unwrap();
-            covered += i32::from((low..=high).contains(&TRUTH));
-        }
-        // Two standard deviations over 300 trials are 2.5 %.
-        assert!((275..=297).contains(&covered), "{covered}");
-    }
-
-    /// Kendall, *Rank Correlation Methods* (1970), section 4.9: n (n - 1) (2 n + 5) / 18.
-    #[test]
-    fn the_variance_of_all_pairs_is_kendalls() {
-        for n in [2, 3, 10] {
-            let pairs = all_pairs(&(0..n).map(|x| (f64::from(x), 0.0)).collect_vec());
-            let n = f64::from(n);
-            let expected = n * (n - 1.0) * (2.0 * n + 5.0) / 18.0;
-            assert!((kendall_variance(&pairs) - expected).abs() < 1e-9, "{n}");
-        }
-        assert_eq!(slope_of_pairs(&[]), None);
     }
 }

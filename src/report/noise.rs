@@ -5,21 +5,21 @@ use itertools::Itertools;
 use super::document::Tone;
 use super::format::{percent, three, trim_zeros};
 use fathom_judge::noise::TimeNoise;
-use fathom_judge::run::{BoundedFigure, Criterion, Drift, MeanLoad, Noise, RunVerdict};
+use fathom_judge::run::{BoundedFigure, Criterion, MeanLoad, Noise, RunVerdict};
 use fathom_judge::verdict::Verdicts;
 
 pub fn tone(verdict: &RunVerdict) -> Tone {
     match verdict.noise {
         Noise::Quiet if verdict.has_intervals() => Tone::Good,
         Noise::Quiet => Tone::Neutral,
-        Noise::Drifting | Noise::Noisy => Tone::Open,
+        Noise::Noisy => Tone::Open,
     }
 }
 
 /// `noisy run: frame times scatter by 8.42 % (bound 5 %); 180 of 223 timed cells have an interval`
 pub fn headline(verdict: &RunVerdict) -> String {
     let RunVerdict { noise, cells, with_interval, seconds, .. } = verdict;
-    let [.., scatter, _] = verdict.figures();
+    let [.., scatter] = verdict.figures();
     let is_scatter_known = *noise == Noise::Quiet && scatter.value.is_finite();
     let figures = verdict.exceeded().chain(is_scatter_known.then_some(scatter));
     let have = format!("{with_interval} of {cells} timed cells have an interval");
@@ -31,7 +31,7 @@ pub fn headline(verdict: &RunVerdict) -> String {
 }
 
 fn bounded(BoundedFigure { criterion, value, bound }: &BoundedFigure) -> String {
-    let [value, bound] = [value.abs(), *bound].map(short_percent);
+    let [value, bound] = [*value, *bound].map(short_percent);
     let [before, after, _] = words(*criterion);
     format!("{before} {value}{after} (bound {bound})")
 }
@@ -47,9 +47,6 @@ fn words(criterion: Criterion) -> [&'static str; 3] {
             ["steal time took", " of a core", to_do]
         }
         Criterion::Scatter => ["frame times scatter by", "", "use a quieter machine"],
-        Criterion::Drift => {
-            ["frame times drifted by", "", "do not compare times of early and late cells"]
-        }
     }
 }
 
@@ -68,18 +65,7 @@ pub fn figures(verdict: &RunVerdict) -> String {
         ),
         None => "load and steal time not recorded".to_owned(),
     };
-    let drift =
-        verdict.drift.map_or_else(String::new, |of_run| format!(", drift {}", drift(&of_run)));
-    format!("half width of the median cell {half_width}, scatter {scatter}, {load}{drift}")
-}
-
-/// `-3.90 % a minute (-4.20 to -3.60)`
-pub fn drift(drift: &Drift) -> String {
-    let in_percent = |share: f64| format!("{:+.2}", 100.0 * share);
-    let interval = drift.per_minute.interval.map_or_else(String::new, |i| {
-        format!(" ({} to {})", in_percent(i.low), in_percent(i.high))
-    });
-    format!("{} % a minute{interval}", in_percent(drift.per_minute.median))
+    format!("half width of the median cell {half_width}, scatter {scatter}, {load}")
 }
 
 /// For the terminal: the headline, the figures, what would make the next run better.
@@ -123,9 +109,9 @@ mod tests {
     fn a_verdict_names_the_figures_beyond_their_bounds_and_what_to_do() {
         let (half_width, cells, with_interval, seconds) = (0.03, 9, 3, 200.0);
         let load = Some(MeanLoad { others: 0.3, steal: 0.0, cores: 2 });
-        let (noise, scatter, drift) = (Noise::Noisy, 0.084, None);
+        let (noise, scatter) = (Noise::Noisy, 0.084);
         let verdict =
-            RunVerdict { noise, cells, with_interval, half_width, scatter, seconds, load, drift };
+            RunVerdict { noise, cells, with_interval, half_width, scatter, seconds, load };
         let busy = "noisy run: other processes took 15 % of the cores (bound 10 %); ";
         let scatter =
             "frame times scatter by 8.4 % (bound 5 %); 3 of 9 timed cells have an interval";

@@ -1,4 +1,4 @@
-//! How far the run can be trusted: its clocks, the cost and precision of its times, and their drift.
+//! How far the run can be trusted: its clocks, and the cost and precision of its times.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,6 @@ use crate::Report;
 use crate::document::{self, Block, ColumnKind, Line, Span, Table, Tone};
 use crate::facts;
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
-use crate::noise;
 use crate::trust;
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Clock, Rejection, Run};
@@ -16,7 +15,7 @@ use itertools::Itertools;
 pub const SECTION: PageSection = PageSection {
     id: "trust",
     title: "Trust",
-    question: "Which clocks were used, how precise are the times, did the machine drift?",
+    question: "Which clocks were used, how precise are the times?",
     fold: Fold::Folded,
     write: |page| document::html_if_any(parts(page)),
 };
@@ -89,20 +88,11 @@ fn audit(run: &Run) -> Table {
 fn details(view: &Report<'_>, run: &Run) -> Vec<String> {
     let costs = run.submit_cost_ns.iter();
     let costs = costs.map(|(kind, ns)| format!("{kind} {} ms", three(ns / NS_PER_MS))).join(", ");
-    let drift = view.verdict.as_ref().and_then(|verdict| verdict.drift).map(|drift| {
-        format!(
-            "Drift of frame times: {}, n = {} spans of time. Median slope over all pairs of spans (Sen 1968) of the median change of the \
-             cells that both have; spans of 10 s or more are taken for independent.",
-            noise::drift(&drift),
-            drift.per_minute.n
-        )
-    });
     let peak = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max();
     let mut all =
         trust::facts(view).map(|(about, words)| format!("{about}: {words}.")).collect_vec();
     let others = [
         view.timed().next().map(|_| accounting(view)),
-        drift,
         Some(rejected(view)),
         (!costs.is_empty())
             .then(|| format!("Cost of a submission as the audit measured it: {costs}.")),
