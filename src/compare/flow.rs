@@ -420,40 +420,38 @@ impl ComparisonRun<'_> {
                 return Ok(self.write_lines(vec![Compared::Fault(fault)])?);
             }
         };
-        let schedule = GateSchedule {
+        let mut schedule = GateSchedule {
             control: cells.iter().find(|cell| *cell == control).or(cells.first()).cloned(),
             cells,
-            launches: settings.launches,
+            launches: 0,
             pairs: settings.pairs,
             seed: settings.seed,
-            second: false,
         };
-        if let Some(look) = time::launches_before_look(&self.before.header.settings) {
-            self.launches(&schedule.first_launches(look), &mut workers)?;
+        for look in time::looks(&self.before) {
+            let decided = time::decided_cells(&self.before);
+            schedule.cells.retain(|cell| !decided.contains(cell));
+            schedule.launches = look;
+            let is_void = time::judge(&self.before).void_reason().is_some();
+            if schedule.cells.is_empty() || is_void || !self.has_gate(Gate::Time) {
+                break;
+            }
+            self.launches(&schedule, &mut workers)?;
         }
-        let schedule = schedule.without_settled(&time::unchanged_cells(&self.before));
-        self.launches(&schedule, &mut workers)?;
-        self.launches(&schedule.second_measurement(time::open(&self.before)), &mut workers)
+        Ok(())
     }
 
-    /// One of the two measurements of the time gate, or the first launches of one. Afterwards [`Self::before`] holds them.
+    /// The launches until the next look at them. Afterwards [`Self::before`] holds them.
     fn launches(
         &mut self,
         schedule: &GateSchedule,
         workers: &mut LaunchProcesses<'_>,
     ) -> Result<()> {
-        if schedule.cells.is_empty() || !self.has_gate(Gate::Time) {
-            return Ok(());
-        }
-        let GateSchedule { cells, launches, pairs, second, .. } = schedule;
-        let before = timed_before(&self.before, *second);
+        let GateSchedule { cells, launches, pairs, .. } = schedule;
+        let before = timed_before(&self.before);
         let mut done = before.complete;
         let tell = self.waiting.report;
-        tell(&format!(
-            "time gate{}: cells: {}, launches: {launches} of {pairs} pairs",
-            if *second { ", second measurement" } else { "" },
-            cells.len(),
-        ));
+        let count = cells.len();
+        tell(&format!("time gate: cells: {count}, launches: {launches} of {pairs} pairs"));
         let sink = |lines: Vec<Compared>| -> Result<(), RecordError> {
             done += lines.iter().filter(|line| matches!(line, Compared::Launch(_))).count() as u32;
             store::write(&mut self.output, lines)?;
@@ -466,13 +464,13 @@ impl ComparisonRun<'_> {
     }
 }
 
-/// What is there already of the first or second measurement of the time gate.
-fn timed_before(before: &Comparison, second: bool) -> EarlierLaunches {
+/// What is there already of the time gate.
+fn timed_before(before: &Comparison) -> EarlierLaunches {
     let later = before.faults.iter().skip(before.faults_before_interruption);
     let lost = later.filter(|fault| fault.gate == Gate::Time);
     let cells = lost.clone().filter(|fault| !fault.control);
     EarlierLaunches {
-        complete: before.launches_of(second) as u32,
+        complete: before.launches.len() as u32,
         last: before.last_launch,
         given_up: cells.filter_map(|fault| fault.cell.clone()).collect(),
         control_lost: lost.clone().any(|fault| fault.control),

@@ -4,9 +4,6 @@
 //! each side, one right after the other; the order of cells is drawn anew each round, and which side comes first is drawn so
 //! that each comes first in half of the rounds. The control is sampled by two workers of its own, both of the base.
 //!
-//! Cells that this first measurement leaves open are measured a second time, by as many launches of more rounds: most of the
-//! scatter between launches is scatter between pairs. The verdict then uses the second measurement alone.
-//!
 //! A launch counts when it has gone through all its rounds. One in which a worker died is discarded and run anew without the
 //! cell that killed it.
 
@@ -100,7 +97,7 @@ pub trait LaunchWorkers {
 /// What an earlier run of the same comparison has left.
 #[derive(Clone, Debug, Default)]
 pub struct EarlierLaunches {
-    /// Launches of this measurement that count.
+    /// Launches that count.
     pub complete: u32,
     /// The highest number of a launch that any record names.
     pub last: Option<u32>,
@@ -228,7 +225,7 @@ impl LaunchRunner<'_> {
         let ended = Launch {
             launch: self.launch,
             wall_s: start.elapsed().as_secs_f64(),
-            second: self.schedule.second,
+            second: false,
             core: opened.core,
             notes: opened.notes,
         };
@@ -277,7 +274,7 @@ impl LaunchRunner<'_> {
             round: round.unwrap_or(0),
             cell: visit.cell.clone(),
             control: visit.control,
-            second: self.schedule.second,
+            second: false,
             first: if base_first { Side::Base } else { Side::Head },
             base_ns: of_base.ns,
             head_ns: of_head.ns,

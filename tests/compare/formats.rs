@@ -203,7 +203,7 @@ fn the_exit_status_tells_how_it_ended() {
 }
 
 #[test]
-fn the_second_measurement_decides_what_the_first_leaves_open() {
+fn a_stored_second_measurement_decides_what_the_first_left_open() {
     let open = || {
         let stored = Stored::new(&[TRACE, COMPOSE]).same(TRACE).counted(COMPOSE);
         stored.times(COMPOSE, false, 1.03, 0.08)
@@ -213,7 +213,7 @@ fn the_second_measurement_decides_what_the_first_leaves_open() {
         let second = open().second(COMPOSE, 1.001, 0.004, launches);
         second.time_fault(None, LAUNCHES + launches)
     };
-    let rule = "10 launches of 2 pairs, 10 more of 2 pairs for 1 cell still undecided;";
+    let rule = "20 launches of 2 pairs (10 for 2 cells);";
     replay_all([
         ("first alone", open(), 3, "10 launches of 2 pairs; a change"),
         ("same", again(1.001), 0, rule),

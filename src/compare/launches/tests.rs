@@ -97,7 +97,6 @@ fn schedule() -> GateSchedule {
         launches: 3,
         pairs: 4,
         seed: 7,
-        second: false,
     }
 }
 
@@ -294,28 +293,5 @@ fn an_interrupted_launch_leaves_nothing() {
         assert!(found.pairs.iter().all(|pair| pair.launch == 0));
         assert!(found.faults.is_empty(), "no cell is given up");
         assert_eq!(workers.closed, 2);
-    }
-}
-
-#[test]
-fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
-    let cells: Vec<CellId> = (0..40).map(|n| CellId::new("tank", &format!("stage/{n}"))).collect();
-    let first = GateSchedule { cells: cells.clone(), pairs: 16, ..schedule() };
-    for (open, pairs) in [(1, 64), (10, 64), (11, 58), (20, 32), (40, 16)] {
-        let second = first.second_measurement(cells[..open].to_vec());
-        assert_eq!((second.cells.len(), second.pairs), (open, pairs));
-        assert_eq!((second.launches, second.second), (first.launches, true));
-        assert!(open as u32 * pairs <= 40 * 16);
-    }
-}
-
-#[test]
-fn lines_name_the_measurement_that_they_are_of() {
-    for second in [false, true] {
-        let schedule = GateSchedule { second, ..schedule() };
-        let found =
-            written(&schedule, &mut Simulated::default(), &EarlierLaunches::default(), &NEVER);
-        assert!(found.pairs.iter().all(|pair| pair.second == second));
-        assert!(found.launches.iter().all(|launch| launch.second == second));
     }
 }
