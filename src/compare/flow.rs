@@ -415,7 +415,7 @@ impl ComparisonRun<'_> {
         let mut workers = match LaunchProcesses::new(builds, common, settings.seed, self.waiting) {
             Ok(workers) => workers,
             Err(cause) => {
-                let side = Some(cause.role.side());
+                let side = Some(cause.role.side(0));
                 let fault = Fault::new(Gate::Time, side, None, cause.fault.to_string());
                 return Ok(self.write_lines(vec![Compared::Fault(fault)])?);
             }

@@ -20,9 +20,7 @@ use super::rank;
 use super::store::Comparison;
 use fathom_base::statistics::{Estimate, mean, median};
 use fathom_record::ThrottleReason;
-use fathom_record::comparison::{
-    CellId, GateSettings, MAX_LAUNCHES, MAX_PAIRS, Pair,
-};
+use fathom_record::comparison::{CellId, GateSettings, MAX_LAUNCHES, MAX_PAIRS, Pair};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TimeVerdict {

@@ -377,7 +377,7 @@ pub struct Pair {
     /// Number of the pair within its launch.
     pub round: u32,
     pub cell: CellId,
-    /// Both sides are the base.
+    /// Both sides are one build: the base in even launches, the head in odd ones. Earlier versions took the base in all.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub control: bool,
     /// Of a second measurement, which earlier versions made of the cells that the first left open.

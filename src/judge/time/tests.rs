@@ -148,9 +148,9 @@ fn false_alarms_anywhere_in_a_gate_stay_below_alpha() {
         adjusted += u32::from(alarms(&gate) > 0);
         single += u32::from(gate.cells.iter().any(|cell| cell.p <= settings().alpha / LOOKS));
     }
-    // Of 50 gates at 5 % more than 8 alarm once in 1,300 times; without Holm nearly every gate would.
+    // Of 50 gates at 5 % more than 8 alarm once in 1,300 times; without Holm a third of the gates would.
     assert!(adjusted <= 8, "{adjusted} of {trials}");
-    assert!(single > trials / 2, "{single} of {trials}");
+    assert!(single > trials / 5, "{single} of {trials}");
 }
 
 /// At whichever look a cell was decided, and for changes at the threshold too.
@@ -168,7 +168,10 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         }
     }
     // Of 400 intervals of 95 % fewer than 370 cover once in 100 times.
-    assert!(trials * CELLS / truths.len() == 400 && covered.iter().all(|n| *n >= 370), "{covered:?}");
+    assert!(
+        trials * CELLS / truths.len() == 400 && covered.iter().all(|n| *n >= 370),
+        "{covered:?}"
+    );
 }
 
 /// Equal cells are called the same, and the gate is not void.
@@ -277,7 +280,7 @@ fn unusable_numbers_are_left_out() {
     assert!(judged(&[]).cells.is_empty());
 }
 
-/// One cell whose samples scatter so that the launches asked for mostly leave a slowdown of 4 % open.
+/// One cell whose samples scatter so that the launches asked for mostly leave a slowdown of 5 % open.
 #[test]
 fn what_is_open_goes_on_to_twice_the_launches_and_is_judged_by_all() {
     let noise = GateNoise { between: 0.002, within: 0.1, stalls: (0.05, 1.0) };
@@ -285,13 +288,13 @@ fn what_is_open_goes_on_to_twice_the_launches_and_is_judged_by_all() {
     let (trials, cell) = (30, &cells()[0]);
     let (mut open, mut found) = (0, 0);
     for _ in 0..trials {
-        let mut comparison = comparison(LAUNCHES, simulation.pairs(0.04));
+        let mut comparison = comparison(LAUNCHES, simulation.pairs(0.05));
         if decided_cells(&comparison).contains(cell) {
             continue;
         }
         open += 1;
         let more = LAUNCHES..2 * LAUNCHES;
-        comparison.pairs.extend(simulation.rounds(cell, false, 0.04, more.clone()));
+        comparison.pairs.extend(simulation.rounds(cell, false, 0.05, more.clone()));
         comparison.launches.extend(more.map(numbered));
         let judged = judge(&comparison).cells.remove(0);
         assert_eq!(judged.launches.len(), 2 * LAUNCHES as usize);

@@ -292,7 +292,8 @@ fn decided_early(verdicts: &Verdicts<'_>) -> Option<String> {
     let times = verdicts.cells.iter().filter_map(|cell| cell.time.as_ref());
     let counts = times.map(|time| time.launches.len()).filter(|launches| *launches < all).counts();
     let counts = counts.into_iter().sorted();
-    let told = counts.map(|(launches, n)| format!("{launches} for {}", count_noun(n, "cell"))).join(", ");
+    let told =
+        counts.map(|(launches, n)| format!("{launches} for {}", count_noun(n, "cell"))).join(", ");
     (!told.is_empty()).then(|| format!(" ({told})"))
 }
 
