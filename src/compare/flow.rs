@@ -392,7 +392,10 @@ impl ComparisonRun<'_> {
         if open.is_empty() || !self.has_gate(Gate::Instructions) {
             return Ok(());
         }
-        (self.waiting.report)(&format!("instruction gate: {} cells once more", open.len()));
+        (self.waiting.report)(&format!(
+            "instruction gate: {} cells once more, each alone",
+            open.len()
+        ));
         let of_open = |configuration: &GateConfiguration| {
             let mut of_open = configuration.clone();
             of_open.stages.retain(|stage| open.contains(&CellId::new(&of_open.id, stage)));

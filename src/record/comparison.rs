@@ -364,7 +364,7 @@ pub struct InstructionCounts {
     pub cell: CellId,
     /// Instructions of each frame.
     pub counts: Vec<u64>,
-    /// By a fresh process, as the first counts of both sides differed.
+    /// By a fresh process that counted this cell alone, as the first counts of both sides differed. Of earlier versions: its configuration.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub second: bool,
 }
