@@ -14,7 +14,7 @@ use super::environment;
 use super::exact_gate::{self, ExactGateSide};
 use super::instructions;
 use super::launch_workers::LaunchProcesses;
-use super::launches::{self, EarlierLaunches};
+use super::launches::{self, EarlierLaunches, GateSchedule};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
 use super::settings;
 use super::worker_process::{Quiet, ReplyWait, WorkerStart, allowed_cores};
@@ -22,7 +22,6 @@ use fathom_harness::assets;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts;
-use fathom_judge::schedule::GateSchedule;
 use fathom_judge::store::{self, Comparison};
 use fathom_judge::time;
 use fathom_record::comparison::{

@@ -18,9 +18,21 @@ use rand_pcg::Pcg64;
 use strum::Display;
 
 use super::worker_process::WorkerFault;
-use fathom_judge::schedule::GateSchedule;
 use fathom_record::MachineState;
 use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
+
+/// What the launches until the next look measure.
+#[derive(Clone, Debug)]
+pub struct GateSchedule {
+    pub cells: Vec<CellId>,
+    /// Measured once more with one build on both sides.
+    pub control: Option<CellId>,
+    /// All those that the comparison then has.
+    pub launches: u32,
+    /// Rounds of each launch.
+    pub pairs: u32,
+    pub seed: u64,
+}
 
 /// The gate is given up after so many failed launches that no cell caused.
 const MAX_BROKEN_LAUNCHES: u32 = 2;

@@ -302,15 +302,6 @@ pub fn decided_cells(comparison: &Comparison) -> BTreeSet<CellId> {
     decided.map(|cell| cell.cell).collect()
 }
 
-/// All launches were run, or every cell that was sampled is decided.
-pub fn is_complete(comparison: &Comparison) -> bool {
-    let decided = decided_cells(comparison);
-    let is_decided = |pair: &Pair| pair.control || decided.contains(&pair.cell);
-    let all = comparison.launches.len();
-    looks(comparison).last().is_none_or(|last| all >= *last as usize)
-        || !decided.is_empty() && comparison.pairs.iter().all(is_decided)
-}
-
 fn usable(pair: &Pair) -> bool {
     let positive = |ns: f64| ns.is_finite() && ns > 0.0;
     positive(pair.base_ns) && positive(pair.head_ns)

@@ -311,7 +311,10 @@ fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
         Gate::Instructions => {
             comparison.instructions.iter().any(|line| is_of(line.side, &line.cell))
         }
-        Gate::Time if fault.cell.is_none() => time::is_complete(comparison),
+        // The gate went on, and is given up after the last fault that it does not survive.
+        Gate::Time if fault.cell.is_none() => {
+            comparison.launches.iter().any(|launch| Some(launch.launch) > fault.launch)
+        }
         // A cell or control that failed is left out of all later launches, unless it is tried again.
         Gate::Time => comparison.pairs.iter().any(|pair| {
             cell(&pair.cell) && pair.control == fault.control && Some(pair.launch) > fault.launch
