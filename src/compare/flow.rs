@@ -438,6 +438,9 @@ impl ComparisonRun<'_> {
                 break;
             }
             self.launches(&schedule, &mut workers)?;
+            if self.before.launches.len() < look as usize {
+                break;
+            }
         }
         Ok(())
     }

@@ -282,8 +282,9 @@ impl LaunchRunner<'_> {
         let control = self.control.iter().map(|cell| (cell, true));
         let visit = |(cell, control): (&CellId, bool)| {
             // Of an odd number the one more falls to another side in the next launch.
-            let mut base_first: Vec<bool> =
-                (0..self.schedule.pairs).map(|round| (round + self.launch) % 2 == 0).collect();
+            let mut base_first: Vec<bool> = (0..self.schedule.pairs)
+                .map(|round| (round + self.launch).is_multiple_of(2))
+                .collect();
             base_first.shuffle(random);
             Visit { cell: cell.clone(), control, base_first, frames: 1 }
         };
