@@ -381,17 +381,12 @@ pub struct ProgramCopy {
     pub path: PathBuf,
 }
 
-/// A folder for programs. It is removed when this is dropped.
-pub fn temporary_folder() -> Result<TempDir> {
-    let folder = tempfile::Builder::new().prefix("fathom-compare-").tempdir();
-    folder.map_err(|error| {
-        anyhow!("cannot make a folder in {}: {error}", std::env::temp_dir().display())
-    })
-}
-
 /// Copies a program out of reach of the build tool.
 pub fn set_aside(program: &Path) -> Result<ProgramCopy> {
-    let folder = temporary_folder()?;
+    let folder = tempfile::Builder::new().prefix("fathom-compare-").tempdir();
+    let folder = folder.map_err(|error| {
+        anyhow!("cannot make a folder in {}: {error}", std::env::temp_dir().display())
+    })?;
     let name = program.file_name().unwrap_or(OsStr::new("program"));
     let path = folder.path().join(name);
     store_program(program, &path)?;

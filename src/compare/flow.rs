@@ -429,6 +429,7 @@ impl ComparisonRun<'_> {
             pairs: settings.pairs,
             seed: settings.seed,
         };
+        let tell = self.waiting.report;
         for look in time::looks(&self.before) {
             let decided = time::decided_cells(&self.before);
             schedule.cells.retain(|cell| !decided.contains(cell));
@@ -437,34 +438,23 @@ impl ComparisonRun<'_> {
             if schedule.cells.is_empty() || is_void || !self.has_gate(Gate::Time) {
                 break;
             }
-            self.launches(&schedule, &mut workers)?;
+            let (count, pairs) = (schedule.cells.len(), schedule.pairs);
+            tell(&format!("time gate: cells: {count}, launches: {look} of {pairs} pairs"));
+            let before = timed_before(&self.before);
+            let mut done = before.complete;
+            let sink = |lines: Vec<Compared>| -> Result<(), RecordError> {
+                let ended = lines.iter().filter(|line| matches!(line, Compared::Launch(_)));
+                done += ended.count() as u32;
+                store::write(&mut self.output, lines)?;
+                tell(&format!("time gate: {done} of {look} launches"));
+                Ok(())
+            };
+            launches::run(&schedule, &mut workers, &before, self.interrupted, sink)?;
+            self.before = Comparison::read(&self.output.output.folder)?;
             if self.before.launches.len() < look as usize {
                 break;
             }
         }
-        Ok(())
-    }
-
-    /// The launches until the next look at them. Afterwards [`Self::before`] holds them.
-    fn launches(
-        &mut self,
-        schedule: &GateSchedule,
-        workers: &mut LaunchProcesses<'_>,
-    ) -> Result<()> {
-        let GateSchedule { cells, launches, pairs, .. } = schedule;
-        let before = timed_before(&self.before);
-        let mut done = before.complete;
-        let tell = self.waiting.report;
-        let count = cells.len();
-        tell(&format!("time gate: cells: {count}, launches: {launches} of {pairs} pairs"));
-        let sink = |lines: Vec<Compared>| -> Result<(), RecordError> {
-            done += lines.iter().filter(|line| matches!(line, Compared::Launch(_))).count() as u32;
-            store::write(&mut self.output, lines)?;
-            tell(&format!("time gate: {done} of {launches} launches"));
-            Ok(())
-        };
-        launches::run(schedule, workers, &before, self.interrupted, sink)?;
-        self.before = Comparison::read(&self.output.output.folder)?;
         Ok(())
     }
 }

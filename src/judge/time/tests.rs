@@ -278,30 +278,6 @@ fn unusable_numbers_are_left_out() {
     assert!(judged(&[]).cells.is_empty());
 }
 
-/// One cell whose samples scatter so that the launches asked for mostly leave a slowdown of 5 % open.
-#[test]
-fn what_is_open_goes_on_to_twice_the_launches_and_is_judged_by_all() {
-    let noise = GateNoise { between: 0.002, within: 0.1, stalls: (0.05, 1.0) };
-    let mut simulation = Simulation::new(10, noise);
-    let (trials, cell) = (30, &cells()[0]);
-    let (mut open, mut found) = (0, 0);
-    for _ in 0..trials {
-        let mut comparison = comparison(LAUNCHES, simulation.pairs(0.05));
-        if decided_cells(&comparison).contains(cell) {
-            continue;
-        }
-        open += 1;
-        let more = LAUNCHES..2 * LAUNCHES;
-        comparison.pairs.extend(simulation.rounds(cell, false, 0.05, more.clone()));
-        comparison.launches.extend(more.map(numbered));
-        let judged = judge(&comparison).cells.remove(0);
-        assert_eq!(judged.launches.len(), 2 * LAUNCHES as usize);
-        found += usize::from(judged.verdict == TimeVerdict::Slower);
-    }
-    assert!(open > trials / 3, "{open} of {trials}");
-    assert!(found * 10 >= open * 7, "{found} of {open}");
-}
-
 #[test]
 fn cells_of_a_stored_second_measurement_are_judged_by_it_alone() {
     let mut simulation = Simulation::new(11, CALM);
@@ -326,6 +302,9 @@ fn nothing_is_decided_before_the_first_look_and_different_adapters_have_one() {
     let name = "another device".to_owned();
     whole.header.base_adapter = Some(Adapter { name, ..Adapter::default() });
     assert_eq!(looks(&whole), [20]);
+    // A damaged file may ask for any number.
+    whole.header.settings.launches = u32::MAX;
+    assert_eq!(looks(&whole), [MAX_LAUNCHES]);
     assert_eq!(judge(&whole).cells[0].verdict, TimeVerdict::NotJudged);
 }
 
@@ -390,7 +369,4 @@ fn cells_that_a_look_decides_are_left_out_of_later_launches() {
         let has_later = |pair: &&Pair| pair.launch >= look as u32 && decided.contains(&pair.cell);
         assert!(!comparison.pairs.iter().filter(|pair| !pair.control).any(|pair| has_later(&pair)));
     }
-    let mut damaged = comparison;
-    damaged.header.settings.launches = u32::MAX;
-    assert_eq!(looks(&damaged).last(), Some(&(2 * MAX_LAUNCHES)));
 }
