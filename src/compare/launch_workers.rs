@@ -1,9 +1,9 @@
 //! The workers of the time gate: a base, a head and, for the control, two more of one side, started afresh for each launch.
 //!
 //! The processes of a launch take turns, and pages of a file that several of them run stay in the caches. So each process runs a copy of
-//! its own, and copies change places from launch to launch. In ten comparisons of equal builds (`examples/own_pipeline`, a development
-//! build) the head was slower by 0.45 % in the mean, 8 times of 10, as long as three processes ran the base's file, and the base settled first and by
-//! fewer frames; since then by 0.02 %, 6 times of 10.
+//! its own, and copies change places from launch to launch. In 14 comparisons of equal builds (`examples/own_pipeline`, a development
+//! build, beside other work) the head seemed slower by 0.58 % in the mean, 11 times of 14, while three processes ran the base's file and
+//! the base settled first and by fewer frames; since then by 0.14 %, 9 times of 14.
 
 use std::collections::BTreeMap;
 
