@@ -49,7 +49,7 @@ pub struct CompareArgs {
     /// Pairs of worker processes in the time gate; as many again for cells that are still undecided
     #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_LAUNCHES)))]
     pub launches: u32,
-    /// Pairs of samples of each cell in each launch; up to four times as many for undecided cells
+    /// Pairs of samples of each cell in each launch
     #[arg(long, default_value_t = comparison::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PAIRS)))]
     pub pairs: u32,
     /// Share by which a time must change to count

@@ -506,9 +506,8 @@ fn read_result(stored: &Comparison, cell: &CellId, figure: &Metric) -> Result<Ev
     let launches = if *figure == Metric::Instructions {
         vec![counts::judge(stored).get(cell).ok_or_else(none)?.ratio.ln()]
     } else {
-        let cells = std::slice::from_ref(cell);
-        let judged = time::judge(cells, &stored.pairs, &stored.header.settings).cells;
-        judged.into_iter().next().map(|cell| cell.launches).ok_or_else(none)?
+        let judged = time::judge(stored).cells.into_iter();
+        judged.map(|time| time.launches).next().ok_or_else(none)?
     };
     Ok(Evidence { launches, difference: None })
 }

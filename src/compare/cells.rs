@@ -16,7 +16,7 @@ const PROFILE: Profile = Profile::Quick;
 /// The configurations of a comparison, in the file's order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gates {
-    /// A cell that is measured once more with the base on both sides; it must show no difference.
+    /// A cell that is measured once more with one build on both sides; it must show no difference.
     pub control: CellId,
     pub configurations: Vec<GateConfiguration>,
 }

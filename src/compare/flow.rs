@@ -14,7 +14,7 @@ use super::environment;
 use super::exact_gate::{self, ExactGateSide};
 use super::instructions;
 use super::launch_workers::LaunchProcesses;
-use super::launches::{self, EarlierLaunches};
+use super::launches::{self, EarlierLaunches, GateSchedule};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
 use super::settings;
 use super::worker_process::{Quiet, ReplyWait, WorkerStart, allowed_cores};
@@ -22,7 +22,6 @@ use fathom_harness::assets;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts;
-use fathom_judge::schedule::GateSchedule;
 use fathom_judge::store::{self, Comparison};
 use fathom_judge::time;
 use fathom_record::comparison::{
@@ -392,7 +391,10 @@ impl ComparisonRun<'_> {
         if open.is_empty() || !self.has_gate(Gate::Instructions) {
             return Ok(());
         }
-        (self.waiting.report)(&format!("instruction gate: {} cells once more", open.len()));
+        (self.waiting.report)(&format!(
+            "instruction gate: {} cells once more, each alone",
+            open.len()
+        ));
         let of_open = |configuration: &GateConfiguration| {
             let mut of_open = configuration.clone();
             of_open.stages.retain(|stage| open.contains(&CellId::new(&of_open.id, stage)));
@@ -415,64 +417,55 @@ impl ComparisonRun<'_> {
         let mut workers = match LaunchProcesses::new(builds, common, settings.seed, self.waiting) {
             Ok(workers) => workers,
             Err(cause) => {
-                let side = Some(cause.role.side());
+                let side = Some(cause.role.side(0));
                 let fault = Fault::new(Gate::Time, side, None, cause.fault.to_string());
                 return Ok(self.write_lines(vec![Compared::Fault(fault)])?);
             }
         };
-        let schedule = GateSchedule {
+        let mut schedule = GateSchedule {
             control: cells.iter().find(|cell| *cell == control).or(cells.first()).cloned(),
             cells,
-            launches: settings.launches,
+            launches: 0,
             pairs: settings.pairs,
             seed: settings.seed,
-            second: false,
         };
-        if let Some(look) = time::launches_before_look(&self.before.header.settings) {
-            self.launches(&schedule.first_launches(look), &mut workers)?;
-        }
-        let schedule = schedule.without_settled(&time::unchanged_cells(&self.before));
-        self.launches(&schedule, &mut workers)?;
-        self.launches(&schedule.second_measurement(time::open(&self.before)), &mut workers)
-    }
-
-    /// One of the two measurements of the time gate, or the first launches of one. Afterwards [`Self::before`] holds them.
-    fn launches(
-        &mut self,
-        schedule: &GateSchedule,
-        workers: &mut LaunchProcesses<'_>,
-    ) -> Result<()> {
-        if schedule.cells.is_empty() || !self.has_gate(Gate::Time) {
-            return Ok(());
-        }
-        let GateSchedule { cells, launches, pairs, second, .. } = schedule;
-        let before = timed_before(&self.before, *second);
-        let mut done = before.complete;
         let tell = self.waiting.report;
-        tell(&format!(
-            "time gate{}: cells: {}, launches: {launches} of {pairs} pairs",
-            if *second { ", second measurement" } else { "" },
-            cells.len(),
-        ));
-        let sink = |lines: Vec<Compared>| -> Result<(), RecordError> {
-            done += lines.iter().filter(|line| matches!(line, Compared::Launch(_))).count() as u32;
-            store::write(&mut self.output, lines)?;
-            tell(&format!("time gate: {done} of {launches} launches"));
-            Ok(())
-        };
-        launches::run(schedule, workers, &before, self.interrupted, sink)?;
-        self.before = Comparison::read(&self.output.output.folder)?;
+        for look in time::looks(&self.before) {
+            let decided = time::decided_cells(&self.before);
+            schedule.cells.retain(|cell| !decided.contains(cell));
+            schedule.launches = look;
+            let is_void = time::judge(&self.before).void_reason().is_some();
+            if schedule.cells.is_empty() || is_void || !self.has_gate(Gate::Time) {
+                break;
+            }
+            let (count, pairs) = (schedule.cells.len(), schedule.pairs);
+            tell(&format!("time gate: cells: {count}, launches: {look} of {pairs} pairs"));
+            let before = timed_before(&self.before);
+            let mut done = before.complete;
+            let sink = |lines: Vec<Compared>| -> Result<(), RecordError> {
+                let ended = lines.iter().filter(|line| matches!(line, Compared::Launch(_)));
+                done += ended.count() as u32;
+                store::write(&mut self.output, lines)?;
+                tell(&format!("time gate: {done} of {look} launches"));
+                Ok(())
+            };
+            launches::run(&schedule, &mut workers, &before, self.interrupted, sink)?;
+            self.before = Comparison::read(&self.output.output.folder)?;
+            if self.before.launches.len() < look as usize {
+                break;
+            }
+        }
         Ok(())
     }
 }
 
-/// What is there already of the first or second measurement of the time gate.
-fn timed_before(before: &Comparison, second: bool) -> EarlierLaunches {
+/// What is there already of the time gate.
+fn timed_before(before: &Comparison) -> EarlierLaunches {
     let later = before.faults.iter().skip(before.faults_before_interruption);
     let lost = later.filter(|fault| fault.gate == Gate::Time);
     let cells = lost.clone().filter(|fault| !fault.control);
     EarlierLaunches {
-        complete: before.launches_of(second) as u32,
+        complete: before.launches.len() as u32,
         last: before.last_launch,
         given_up: cells.filter_map(|fault| fault.cell.clone()).collect(),
         control_lost: lost.clone().any(|fault| fault.control),

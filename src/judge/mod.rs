@@ -18,7 +18,6 @@ pub mod matched_cells;
 pub mod noise;
 pub mod rank;
 pub mod run;
-pub mod schedule;
 pub mod scores;
 pub mod shift;
 pub mod store;

@@ -33,7 +33,7 @@ fn convolved(n: usize) -> Vec<f64> {
 }
 
 /// How many of the least rank sums of `n` samples are together no more probable than `level`; as many of the largest are.
-fn extreme_sums(n: usize, level: f64) -> usize {
+pub(crate) fn extreme_sums(n: usize, level: f64) -> usize {
     let mut below = 0.0;
     let is_extreme = |p: &&f64| {
         below += **p;

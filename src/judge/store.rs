@@ -99,12 +99,6 @@ impl Comparison {
         })
     }
 
-    /// Launches of the first or the second measurement of the time gate.
-    pub fn launches_of(&self, second: bool) -> usize {
-        let launches = self.launches.iter();
-        launches.filter(|launch| launch.second == second).count()
-    }
-
     pub fn is_complete(&self) -> bool {
         self.end.as_ref().is_some_and(|end| !end.interrupted)
     }
@@ -119,18 +113,11 @@ impl Comparison {
 
     /// Leaves out launches beyond those that a comparison may have, and says so.
     fn leave_out_launches(&mut self) {
-        let all = self.launches.len();
-        let mut counts = [0; 2];
-        self.launches.retain(|launch| {
-            let count = &mut counts[usize::from(launch.second)];
-            *count += 1;
-            *count <= MAX_LAUNCHES as usize
-        });
-        let left_out = all - self.launches.len();
+        let max = 2 * MAX_LAUNCHES as usize;
+        let left_out = self.launches.len().saturating_sub(max);
+        self.launches.truncate(max);
         if left_out > 0 {
-            self.damaged.push(format!(
-                "{left_out} launches beyond the first {MAX_LAUNCHES} of a measurement were left out"
-            ));
+            self.damaged.push(format!("{left_out} launches beyond the first {max} were left out"));
         }
     }
 

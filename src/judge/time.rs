@@ -6,11 +6,9 @@
 //! falls on few of them. Between launches of equal builds, in two gates of 41 cells, it scatters 4 to 5 % less than the plain median
 //! of the pairs.
 //!
-//! A cell that the first measurement leaves open is measured a second time, with more pairs; then only the second counts, so that
-//! no interval rests on numbers that were looked at before. Each probability counts double for the two chances of an alarm.
-//!
-//! Cells that the first [`LOOK`] launches show to be the same are not sampled in later ones. Nothing can be called changed
-//! then, so that looking costs no false alarm. In simulated gates intervals go on to cover 94 to 97 %.
+//! Launches are looked at three times: after 0.4 n, n and 2 n of them, where n is `--launches`. Each look judges a cell by all launches
+//! that it has, with a third of the error that the gate may make, in its interval and in its test: whichever look decides a cell, the
+//! errors of all looks together stay below `alpha`. A cell that a look calls slower, faster or the same takes no more samples.
 //!
 //! Figures of different launches are independent, pairs of one launch are not, as processes carry a bias of their own; so
 //! intervals and tests are over launches.
@@ -22,9 +20,7 @@ use super::rank;
 use super::store::Comparison;
 use fathom_base::statistics::{Estimate, deviation, median};
 use fathom_record::ThrottleReason;
-use fathom_record::comparison::{
-    CellId, ComparisonHeader, GateSettings, MAX_LAUNCHES, MAX_PAIRS, Pair,
-};
+use fathom_record::comparison::{CellId, GateSettings, MAX_LAUNCHES, MAX_PAIRS, Pair};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TimeVerdict {
@@ -40,35 +36,50 @@ pub enum TimeVerdict {
     NotJudged,
 }
 
-/// Launches after which it is looked at what is settled. Of 65 cells of equal builds, beside 12 busy processes on two cores, 35
-/// were (llvmpipe).
-pub const LOOK: u32 = 8;
+/// Looks at the launches of a comparison, each at the same share of its error.
+const LOOKS: f64 = 3.0;
+
+/// By what a look judges cells.
+struct LookRule {
+    /// Error of the tests of all cells together, and of the interval of each.
+    level: f64,
+    /// Logarithm of a change that just matters.
+    bound: f64,
+    /// Launches until the last look.
+    max_launches: usize,
+}
+
+impl LookRule {
+    fn new(comparison: &Comparison) -> Self {
+        let GateSettings { alpha, threshold, .. } = comparison.header.settings;
+        let looks = if has_second_measurement(comparison) { 2.0 } else { LOOKS };
+        let max_launches = self::looks(comparison).last().map_or(0, |last| *last as usize);
+        Self { level: alpha / looks, bound: (1.0 + threshold).ln(), max_launches }
+    }
+}
 
 /// The time gate's result for a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellTime {
     pub cell: CellId,
     pub verdict: TimeVerdict,
-    /// ln(head / base) of each launch that went through all rounds, of the measurement that counts.
+    /// ln(head / base) of each launch that went through all rounds.
     pub launches: Vec<f64>,
-    /// This was the second.
-    pub second: bool,
     /// Median sample of each side.
     pub base_ns: f64,
     pub head_ns: f64,
-    /// Head over base less one, with the interval over launches of the measurement that counts; none where there are too few
-    /// launches for it. Each measurement's intervals cover 1 − `alpha`. The first measurement decides whether there is a second,
-    /// so intervals of a change at the threshold cover 93 %, not 95 %, by calculation (in simulated gates 914 of 1,000).
+    /// Head over base less one, with the interval over launches of this cell alone; none where there are too few launches for it. In
+    /// simulated gates intervals cover as often as 1 − `alpha`, at whichever look a cell was decided.
     pub change: Estimate,
-    /// Of a change beyond the threshold in either direction, by chance; and the same adjusted for two measurements of all cells.
+    /// Of a change beyond the threshold in either direction, by chance.
     pub p: f64,
-    pub adjusted_p: f64,
-    /// For how many cells.
+    /// Cells among which it was judged.
     pub adjusted_for: usize,
-    /// The whole interval lies beyond the threshold, in one direction.
+    /// The whole interval lies beyond the threshold, in one direction: the cell alone would have changed.
     pub is_beyond_threshold: bool,
     /// The least slowdown that would be found with the power [`rank::POWER`], from the number of launches and their spread; none
-    /// where so few launches among so many cells find nothing.
+    /// where so few launches among so many cells find nothing. A slower cell would not have been decided so early, so it is of the
+    /// launches until the last look.
     pub detectable: Option<f64>,
     /// Where clocks were held down in any launch.
     pub throttled: Option<ThrottledLaunches>,
@@ -76,7 +87,7 @@ pub struct CellTime {
 
 impl CellTime {
     /// What the pairs of one cell say alone; [`together`] adds what they say among others.
-    fn from_pairs(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
+    fn from_pairs(cell: &CellId, pairs: &[&Pair], rule: &LookRule) -> Self {
         let mut ratios: BTreeMap<u32, [Vec<f64>; 2]> = BTreeMap::new();
         for pair in pairs {
             let of_launch = ratios.entry(pair.launch).or_default();
@@ -84,21 +95,19 @@ impl CellTime {
         }
         let launches: Vec<f64> = ratios.values().map(launch_ratio).collect();
         let median = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
-        let centre = rank::centre(&launches, settings.alpha);
-        let bound = (1.0 + settings.threshold).ln();
+        let centre = rank::centre(&launches, rule.level);
+        let bound = rule.bound;
         let is_same = centre.interval.is_some_and(|i| -bound <= i.low && i.high <= bound);
         let slower = rank::above(&launches, bound);
         let faster = rank::below(&launches, -bound);
         Self {
             cell: cell.clone(),
             verdict: if is_same { TimeVerdict::Same } else { TimeVerdict::Inconclusive },
-            second,
             base_ns: median(|pair| pair.base_ns),
             head_ns: median(|pair| pair.head_ns),
             is_beyond_threshold: centre.interval.is_some_and(|i| i.low > bound || i.high < -bound),
             change: centre.map(f64::exp_m1),
             p: (2.0 * slower.min(faster)).min(1.0),
-            adjusted_p: 1.0,
             adjusted_for: 1,
             detectable: None,
             throttled: ThrottledLaunches::count(pairs),
@@ -106,11 +115,8 @@ impl CellTime {
         }
     }
 
-    /// Launches that it would have had if the look had not settled it. A damaged file may ask for any number.
-    fn max_launches(&self, settings: &GateSettings) -> usize {
-        let n = self.launches.len();
-        let is_settled = !self.second && self.verdict == TimeVerdict::Same && n == LOOK as usize;
-        if is_settled { n.max(settings.launches.min(MAX_LAUNCHES) as usize) } else { n }
+    fn has_changed(&self) -> bool {
+        matches!(self.verdict, TimeVerdict::Slower | TimeVerdict::Faster)
     }
 
     /// Standard deviation of a launch's ratio, as a share.
@@ -159,27 +165,17 @@ impl ThrottledLaunches {
 pub struct TimeGate {
     /// In the order asked for; cells without any pair are left out.
     pub cells: Vec<CellTime>,
-    /// The same cell with the base on both sides, in the first measurement and in the second if there is one; their
-    /// probabilities are adjusted for these two alone.
-    pub controls: Vec<CellTime>,
+    /// A cell with one build on both sides: by the first look that found a change, else by all its launches. Its probability is
+    /// adjusted for the looks alone.
+    pub control: Option<CellTime>,
 }
 
 impl TimeGate {
-    /// The same times where the sides ran on different adapters: no change of one of them is judged. The control, which ran on one,
-    /// stays.
-    pub fn unjudged(mut self) -> Self {
-        for cell in &mut self.cells {
-            (cell.verdict, cell.detectable) = (TimeVerdict::NotJudged, None);
-        }
-        self
-    }
-
-    /// Why no time of this gate can be used, if so: the control differs, though both of its sides are the base.
-    pub fn void_reason(&self, alpha: f64) -> Option<String> {
-        let mut controls = self.controls.iter();
-        let moved = controls.find(|control| control.adjusted_p <= alpha)?;
+    /// Why no time of this gate can be used, if so: the control differs, though both of its sides are one build.
+    pub fn void_reason(&self) -> Option<String> {
+        let moved = self.control.as_ref().filter(|control| control.has_changed())?;
         Some(format!(
-            "the control {} has the base on both sides and yet differs by {:+.1} %",
+            "the control {} has one build on both sides and yet differs by {:+.1} %",
             moved.cell,
             100.0 * moved.change.median
         ))
@@ -199,94 +195,111 @@ fn launch_ratio([a, b]: &[Vec<f64>; 2]) -> f64 {
     median(&means.collect::<Vec<_>>())
 }
 
-/// Measurements that a cell may go through.
-const MEASUREMENTS: f64 = 2.0;
+/// Pairs by cell, those of the control apart.
+type SortedPairs<'a> = BTreeMap<(bool, &'a CellId), Vec<&'a Pair>>;
 
-/// Judges `cells` by the pairs of complete launches.
-pub fn judge<'a>(
-    cells: &'a [CellId],
-    pairs: impl IntoIterator<Item = &'a Pair>,
-    settings: &GateSettings,
-) -> TimeGate {
-    let mut sorted: BTreeMap<(&CellId, bool, bool), Vec<&Pair>> = BTreeMap::new();
-    for pair in pairs.into_iter().filter(|pair| usable(pair)) {
-        let key = (&pair.cell, pair.control, pair.second);
-        sorted.entry(key).or_default().push(pair);
-    }
-    let of = |cell: &CellId, control, second| {
-        let pairs = sorted.get(&(cell, control, second))?;
-        Some(CellTime::from_pairs(cell, second, pairs, settings))
+/// The pairs of the launches before each look, and of all.
+///
+/// A comparison of an earlier version has a second measurement of the cells that its first left open: these are two looks, and a cell is
+/// judged by its pairs of the second alone if it has any.
+fn pairs_at_looks(comparison: &Comparison) -> Vec<SortedPairs<'_>> {
+    let sorted = |counts: &dyn Fn(&Pair) -> bool| {
+        let mut sorted = SortedPairs::new();
+        for pair in comparison.pairs.iter().filter(|pair| usable(pair) && counts(pair)) {
+            sorted.entry((pair.control, &pair.cell)).or_default().push(pair);
+        }
+        sorted
     };
-    let last = |cell: &CellId| of(cell, false, true).or_else(|| of(cell, false, false));
-    let controls = sorted.keys().filter(|(_, control, _)| *control);
-    let controls = controls.filter_map(|(cell, control, second)| of(cell, *control, *second));
-    TimeGate {
-        cells: together(cells.iter().filter_map(last).collect(), settings),
-        controls: controls.flat_map(|control| together(vec![control], settings)).collect(),
+    if has_second_measurement(comparison) {
+        return [false, true].map(|second| sorted(&|pair| pair.second == second)).into();
     }
+    let all = comparison.launches.len();
+    let looks = looks(comparison).into_iter().map(|look| look as usize);
+    let looks = looks.filter(|look| *look < all).chain([all]);
+    let at_look = |look: usize| {
+        let before: BTreeSet<u32> =
+            comparison.launches[..look].iter().map(|launch| launch.launch).collect();
+        sorted(&|pair| before.contains(&pair.launch))
+    };
+    looks.map(at_look).collect()
+}
+
+fn has_second_measurement(comparison: &Comparison) -> bool {
+    comparison.launches.iter().any(|launch| launch.second)
+}
+
+/// Judges the cells of a comparison by the pairs of its complete launches.
+pub fn judge(comparison: &Comparison) -> TimeGate {
+    let rule = LookRule::new(comparison);
+    let looks = pairs_at_looks(comparison);
+    let by_last_look = |cell: &CellId| {
+        let pairs = looks.iter().rev().find_map(|look| look.get(&(false, cell)))?;
+        Some(CellTime::from_pairs(cell, pairs, &rule))
+    };
+    let cells = comparison.header.cells.iter().filter_map(by_last_look).collect();
+    let mut cells = together(cells, &rule);
+    if !AdapterRelation::from_header(&comparison.header).is_judged() {
+        for cell in &mut cells {
+            (cell.verdict, cell.detectable) = (TimeVerdict::NotJudged, None);
+        }
+    }
+    let controls = looks.iter().filter_map(|look| {
+        let ((_, cell), pairs) = look.iter().find(|((is_control, _), _)| *is_control)?;
+        together(vec![CellTime::from_pairs(cell, pairs, &rule)], &rule).pop()
+    });
+    let controls: Vec<CellTime> = controls.collect();
+    let moved = controls.iter().find(|control| control.has_changed());
+    TimeGate { control: moved.or(controls.last()).cloned(), cells }
 }
 
 /// The cells with their probabilities adjusted together, and the verdicts that follow from these.
-fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> {
-    let doubled: Vec<f64> = cells.iter().map(|cell| (MEASUREMENTS * cell.p).min(1.0)).collect();
-    // What Holm's first step leaves to each of two directions.
-    let level = settings.alpha / 2.0 / MEASUREMENTS / cells.len().max(1) as f64;
-    let bound = (1.0 + settings.threshold).ln();
+fn together(mut cells: Vec<CellTime>, rule: &LookRule) -> Vec<CellTime> {
+    let probabilities: Vec<f64> = cells.iter().map(|cell| cell.p).collect();
     let count = cells.len();
-    for (cell, adjusted_p) in cells.iter_mut().zip(rank::holm(&doubled)) {
-        (cell.adjusted_p, cell.adjusted_for) = (adjusted_p, count);
-        if adjusted_p <= settings.alpha {
+    // What Holm's first step leaves to each of two directions.
+    let level = rule.level / 2.0 / count.max(1) as f64;
+    for (cell, adjusted_p) in cells.iter_mut().zip(rank::holm(&probabilities)) {
+        cell.adjusted_for = count;
+        if adjusted_p <= rule.level {
             let slower = cell.change.median > 0.0;
             cell.verdict = if slower { TimeVerdict::Slower } else { TimeVerdict::Faster };
         }
-        let shift = rank::detectable(cell.max_launches(settings), level);
-        let slowdown = |shift: f64| (bound + shift * deviation(&cell.launches)).exp_m1();
-        cell.detectable = shift.map(slowdown);
+        let own = cell.launches.len();
+        let is_open = cell.verdict == TimeVerdict::Inconclusive;
+        let launches = if is_open { own } else { own.max(rule.max_launches) };
+        let slowdown = |shift: f64| (rule.bound + shift * deviation(&cell.launches)).exp_m1();
+        cell.detectable = rank::detectable(launches, level).map(slowdown);
     }
     cells
 }
 
-/// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
-pub fn open(comparison: &Comparison) -> Vec<CellId> {
-    let ComparisonHeader { cells, settings, .. } = &comparison.header;
-    let is_judged = AdapterRelation::from_header(&comparison.header).is_judged();
-    if !is_judged || !is_first_complete(comparison) {
-        return Vec::new();
+/// Launches after which a comparison is looked at. It ends with n where nothing is judged or n launches decide nothing.
+pub fn looks(comparison: &Comparison) -> Vec<u32> {
+    let GateSettings { launches, alpha, .. } = comparison.header.settings;
+    let n = launches.min(MAX_LAUNCHES);
+    if has_second_measurement(comparison) {
+        return vec![2 * n];
     }
-    let first = comparison.pairs.iter().filter(|pair| !pair.second);
-    let cells = judge(cells, first, settings).cells.into_iter();
-    let open =
-        cells.filter(|cell| cell.verdict == TimeVerdict::Inconclusive && cell.detectable.is_some());
-    open.map(|cell| cell.cell).collect()
-}
-
-/// Launches before the look; none where it could spare less than half of them.
-pub fn launches_before_look(settings: &GateSettings) -> Option<u32> {
-    (settings.launches >= 2 * LOOK).then_some(LOOK)
-}
-
-/// Cells that the launches before the look show to be unchanged. At half the level, as the last launch tells again.
-pub fn unchanged_cells(comparison: &Comparison) -> BTreeSet<CellId> {
-    let ComparisonHeader { cells, settings, .. } = &comparison.header;
-    let Some(look) = launches_before_look(settings) else { return BTreeSet::new() };
-    let first = comparison.launches.iter().filter(|launch| !launch.second);
-    let first: BTreeSet<u32> = first.map(|launch| launch.launch).take(look as usize).collect();
-    if first.len() < look as usize {
-        return BTreeSet::new();
+    if !AdapterRelation::from_header(&comparison.header).is_judged() {
+        return vec![n];
     }
-    let settings = GateSettings { alpha: settings.alpha / 2.0, ..settings.clone() };
-    let pairs = comparison.pairs.iter().filter(|pair| first.contains(&pair.launch));
-    let same = judge(cells, pairs, &settings).cells.into_iter();
-    same.filter(|cell| cell.verdict == TimeVerdict::Same).map(|cell| cell.cell).collect()
+    let decides = rank::extreme_sums(n as usize, alpha / LOOKS / 2.0) > 0;
+    let last = if decides { 2 * n } else { n };
+    let mut looks = vec![(2 * n).div_ceil(5), n, last];
+    looks.dedup();
+    looks
 }
 
-/// The first measurement has all its launches, or nothing is left to measure.
-pub fn is_first_complete(comparison: &Comparison) -> bool {
-    let settings = &comparison.header.settings;
-    let settled = unchanged_cells(comparison);
-    let is_settled = |pair: &Pair| pair.control || settled.contains(&pair.cell);
-    comparison.launches_of(false) >= settings.launches as usize
-        || !settled.is_empty() && comparison.pairs.iter().all(is_settled)
+/// Cells that the last look so far has decided. By the launches until then alone: a comparison that is resumed leaves out the same.
+pub fn decided_cells(comparison: &Comparison) -> BTreeSet<CellId> {
+    let mut looks = looks(comparison).into_iter().rev();
+    let all = comparison.launches.len();
+    let Some(look) = looks.find(|look| *look as usize <= all) else { return BTreeSet::new() };
+    let mut before = comparison.clone();
+    before.launches.truncate(look as usize);
+    let cells = judge(&before).cells.into_iter();
+    let decided = cells.filter(|cell| cell.verdict != TimeVerdict::Inconclusive);
+    decided.map(|cell| cell.cell).collect()
 }
 
 fn usable(pair: &Pair) -> bool {

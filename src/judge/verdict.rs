@@ -5,7 +5,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use itertools::Itertools;
 use strum::{Display, EnumIter};
 
-use super::adapters::AdapterRelation;
 use super::counts::{self, Change, CountChange};
 use super::exact::{self, Difference, FigureKind};
 use super::store::Comparison;
@@ -101,7 +100,7 @@ pub struct Verdicts<'a> {
     pub cells: Vec<JudgedCell>,
     /// Differences of whole configurations.
     pub configurations: Vec<Difference>,
-    pub controls: Vec<CellTime>,
+    pub control: Option<CellTime>,
     pub gates: Vec<(Gate, GateState)>,
     /// Faults of a gate as a whole; each reason once.
     pub faults: Vec<Fault>,
@@ -111,10 +110,7 @@ pub struct Verdicts<'a> {
 impl<'a> Verdicts<'a> {
     pub fn judge(comparison: &'a Comparison) -> Self {
         let header = &comparison.header;
-        let mut time = time::judge(&header.cells, &comparison.pairs, &header.settings);
-        if !AdapterRelation::from_header(header).is_judged() {
-            time = time.unjudged();
-        }
+        let mut time = time::judge(comparison);
         let gates = Gate::ALL.map(|gate| (gate, state(comparison, gate, &time)));
         if let [.., (Gate::Time, GateState::Void(_))] = &gates {
             time.cells.clear();
@@ -144,7 +140,7 @@ impl<'a> Verdicts<'a> {
             comparison,
             cells,
             configurations: differences.iter().filter(|other| of_no_cell(other)).cloned().collect(),
-            controls: time.controls,
+            control: time.control,
             gates: gates.into(),
             faults: unique(whole.chain(&exact::missing(comparison))),
             status: Status::NoRegression,
@@ -289,18 +285,17 @@ fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
         let reason = fault.map_or("nothing was measured", |fault| &fault.reason);
         return GateState::Void(reason.to_owned());
     }
-    let void = || time.void_reason(settings.alpha).or_else(|| uncontrolled(comparison, time));
+    let void = || time.void_reason().or_else(|| uncontrolled(comparison, time));
     (gate == Gate::Time).then(void).flatten().map_or(GateState::Ran, GateState::Void)
 }
 
 /// Why the pairs of the time gate have no control that covers them, if so.
 fn uncontrolled(comparison: &Comparison, time: &TimeGate) -> Option<String> {
-    let measurements = 1 + usize::from(comparison.launches_of(true) > 0);
     let mut faults = comparison.faults.iter();
     if let Some(lost) = faults.find(|fault| fault.control && !overcome(comparison, fault)) {
         return Some(format!("the control was lost: {}", lost.reason));
     }
-    (time.controls.len() < measurements).then(|| "the control was not measured".to_owned())
+    time.control.is_none().then(|| "the control was not measured".to_owned())
 }
 
 /// What failed was measured after all: by another launch, or when the comparison was resumed.
@@ -316,10 +311,9 @@ fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
         Gate::Instructions => {
             comparison.instructions.iter().any(|line| is_of(line.side, &line.cell))
         }
+        // The gate went on, and is given up after the last fault that it does not survive.
         Gate::Time if fault.cell.is_none() => {
-            let wanted = comparison.header.settings.launches as usize;
-            let second = comparison.launches_of(true) >= wanted;
-            time::is_first_complete(comparison) && (second || time::open(comparison).is_empty())
+            comparison.launches.iter().any(|launch| Some(launch.launch) > fault.launch)
         }
         // A cell or control that failed is left out of all later launches, unless it is tried again.
         Gate::Time => comparison.pairs.iter().any(|pair| {

@@ -13,9 +13,9 @@ use super::protocol::CheckReading;
 use super::{Adapter, Build, ErrorFigure, MachineState, Record, Work, nan};
 use fathom_base::private;
 
-/// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
+/// Most launches to ask for: the time to judge them grows with their square, and is seconds for twice as many.
 pub const MAX_LAUNCHES: u32 = 200;
-/// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
+/// Most pairs of a cell in a launch.
 pub const MAX_PAIRS: u32 = 1000;
 
 /// Launches of a gate by default. The least that an exact test of 44 cells can decide on is 11, if all of them
@@ -271,7 +271,7 @@ impl SideEnvironment {
 /// Rules by which two builds are compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GateSettings {
-    /// Family-wise error of the time gate; the intervals of each of its measurements have the coverage 1 − alpha.
+    /// Family-wise error of the time gate. Intervals have the coverage 1 − alpha, whichever look decides their cell.
     #[serde(deserialize_with = "share")]
     #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub alpha: f64,
@@ -283,9 +283,9 @@ pub struct GateSettings {
     #[serde(deserialize_with = "share")]
     #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub instruction_threshold: f64,
-    /// Pairs of worker processes, in each of the two measurements of the time gate.
+    /// Pairs of worker processes of the time gate; as many again for cells that are then undecided.
     pub launches: u32,
-    /// Pairs of samples of a cell in each launch of the first measurement.
+    /// Pairs of samples of a cell in each launch.
     pub pairs: u32,
     /// Seed of the order of cells and samples.
     pub seed: u64,
@@ -364,7 +364,7 @@ pub struct InstructionCounts {
     pub cell: CellId,
     /// Instructions of each frame.
     pub counts: Vec<u64>,
-    /// By a fresh process, as the first counts of both sides differed.
+    /// By a fresh process that counted this cell alone, as the first counts of both sides differed. Of earlier versions: its configuration.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub second: bool,
 }
@@ -377,10 +377,10 @@ pub struct Pair {
     /// Number of the pair within its launch.
     pub round: u32,
     pub cell: CellId,
-    /// Both sides are the base.
+    /// Both sides are one build: the base in even launches, the head in odd ones. Earlier versions took the base in all.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub control: bool,
-    /// Of the second measurement, of the cells that the first left open.
+    /// Of a second measurement, which earlier versions made of the cells that the first left open.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub second: bool,
     /// The side that was sampled first.
@@ -419,7 +419,7 @@ pub struct Launch {
     pub launch: u32,
     /// How long it took, seconds.
     pub wall_s: f64,
-    /// Of the second measurement.
+    /// Of a second measurement, which earlier versions made.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub second: bool,
     /// The only core that was measured on, if the workers were kept on one.

@@ -205,8 +205,9 @@ fn what_a_worker_does_wrong_is_told_in_a_line() {
     }
 }
 
-/// A head waits before its greeting when it was started so often. It is started twice before the launches, and once in each.
-const AT_LAUNCH_5: usize = 2 + 5;
+/// A head waits before its greeting when it was started so often. It is started twice before the launches, once in each, and twice more in
+/// each second one for the control.
+const AT_LAUNCH_5: usize = 2 + 5 + 4;
 
 /// A comparison in a process group of its own, after three launches; the fifth cannot begin before [`Builds::release`].
 fn begun() -> (Builds, Child, impl Iterator<Item = String>) {
@@ -220,7 +221,7 @@ fn begun() -> (Builds, Child, impl Iterator<Item = String>) {
     builds.build("base", &Script::default());
     builds.build("head", &Script { hello: waits, ..Script::default() });
     let (child, mut told) = spawned(builds.command("").process_group(0));
-    told.find(|line| line.contains("3 of 10 launches")).unwrap();
+    told.find(|line| line.contains("3 of 4 launches")).unwrap();
     (builds, child, told)
 }
 
@@ -291,7 +292,7 @@ fn nothing_is_left_of_a_comparison_that_is_killed() {
 }
 
 #[test]
-fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
+fn each_side_has_its_own_environment_and_the_control_has_one_sides() {
     let builds = Builds::without_builds();
     let (log, greeting) = (builds.path("log"), Script::default().hello);
     // Writes down the variable `MARK` whenever it is greeted.
@@ -309,9 +310,9 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
     holds(output.lines().next().unwrap(), &["(0) with MARK → "]);
     let log = builds.0.read("log");
     let count = |line: &str| log.lines().filter(|found| *found == line).count();
-    // Survey, first look of the time gate and ten launches; two of the base's workers more in each launch for the control.
+    // Survey, first look of the time gate and ten launches; two workers of one side more in each launch for the control.
     let counted = (count("hello of base, shaders apart"), count("hello "));
-    assert_eq!(counted, (2 + 3 * 10, 2 + 10), "{log}");
+    assert_eq!(counted, (2 + 10 + 10, 2 + 10 + 10), "{log}");
 
     let stored = builds.stored();
     assert_eq!(stored.header.base.environment.variables["MARK"], None);

@@ -119,22 +119,6 @@ impl Stored {
         self
     }
 
-    /// Launches of a second measurement, with pairs of the control and of a cell.
-    pub fn second(self, name: &str, ratio: f64, spread: f64, launches: u32) -> Self {
-        let first = self.lines.len();
-        let mut all = self.times(TRACE, true, 1.0, 0.004).times(name, false, ratio, spread);
-        for line in &mut all.lines[first..] {
-            if let Compared::Pair(pair) = line {
-                (pair.second, pair.launch) = (true, pair.launch + LAUNCHES);
-            }
-        }
-        let more = LAUNCHES..LAUNCHES + launches;
-        all.lines.extend(more.map(|launch| {
-            Compared::Launch(Launch { launch, wall_s: 1.5, second: true, ..Launch::default() })
-        }));
-        all
-    }
-
     pub fn counts(self, name: &str, ratio: f64) -> Self {
         self.both(1.0, ratio, |side, ratio| {
             let counts = [10_000_000.0, 10_000_100.0, 10_000_200.0];

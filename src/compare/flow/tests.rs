@@ -43,7 +43,7 @@ fn a_torn_launch_keeps_its_number() {
     let torn = vec![pair(0, &cell), launch(0), pair(1, &cell)];
     let comparison = comparison(torn);
     assert_eq!(comparison.pairs.len(), 1);
-    let before = timed_before(&comparison, false);
+    let before = timed_before(&comparison);
     assert_eq!((before.complete, before.last), (1, Some(1)));
 }
 
@@ -58,23 +58,10 @@ fn what_failed_before_an_interruption_is_tried_again() {
         end(false),
     ];
     let comparison = comparison(lines);
-    let before = timed_before(&comparison, false);
+    let before = timed_before(&comparison);
     assert_eq!(before.given_up.into_iter().collect::<Vec<_>>(), [second]);
     assert!(!before.control_lost);
     assert_eq!(comparison.end.unwrap().wall_s, 40.0);
-}
-
-#[test]
-fn launches_of_the_second_measurement_are_counted_apart() {
-    let second = |number| match launch(number) {
-        Compared::Launch(launch) => Compared::Launch(Launch { second: true, ..launch }),
-        other => other,
-    };
-    let comparison = comparison(vec![launch(0), launch(1), launch(2), second(3), second(4)]);
-    for (of_second, complete) in [(false, 3), (true, 2)] {
-        let before = timed_before(&comparison, of_second);
-        assert_eq!((before.complete, before.last), (complete, Some(4)));
-    }
 }
 
 /// What a comparison is asked for, by a number for each program, setting and scene.

@@ -10,6 +10,10 @@ use crate::protocol::RequestKind;
 struct Simulated {
     /// Every sample, with the number of its launch.
     samples: Vec<(u32, WorkerRole, CellId)>,
+    /// Of each sample.
+    frames: Vec<u32>,
+    /// Every time is divided by so much, if by anything.
+    speed: Option<f64>,
     opened: Vec<(u32, Vec<CellId>)>,
     launch: u32,
     /// Launch, role, stage, and what the worker fails with there.
@@ -64,13 +68,19 @@ impl LaunchWorkers for Simulated {
         }
     }
 
-    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<SideSample, WorkerFault> {
+    fn sample(
+        &mut self,
+        role: WorkerRole,
+        cell: &CellId,
+        frames: u32,
+    ) -> Result<SideSample, WorkerFault> {
         if let Some((launch, at, stage, fault)) = &self.failing
             && (self.launch, role, cell.stage()) == (*launch, *at, *stage)
         {
             return Err(fault.clone());
         }
         self.samples.push((self.launch, role, cell.clone()));
+        self.frames.push(frames);
         if self.interrupt_after == Some(self.samples.len()) {
             STOP.store(true, Ordering::Relaxed);
             if self.dying_of_interrupt {
@@ -78,6 +88,7 @@ impl LaunchWorkers for Simulated {
             }
         }
         let ns = if role == WorkerRole::Head { 2e6 } else { 1e6 };
+        let ns = ns / self.speed.unwrap_or(1.0);
         let machine = (role == WorkerRole::Head).then(MachineState::default);
         Ok(SideSample { ns, machine })
     }
@@ -97,7 +108,6 @@ fn schedule() -> GateSchedule {
         launches: 3,
         pairs: 4,
         seed: 7,
-        second: false,
     }
 }
 
@@ -183,6 +193,10 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
         let is_base = matches!(first, WorkerRole::Base | WorkerRole::ControlBase);
         assert_eq!(pair.first, if is_base { Side::Base } else { Side::Head });
     }
+    // The unkept round's first sample of each launch.
+    let settling = workers.samples.chunks(5 * 8).map(|launch| launch[0].1);
+    let is_base = |role| matches!(role, WorkerRole::Base | WorkerRole::ControlBase);
+    assert_eq!(settling.map(is_base).collect::<Vec<_>>(), [true, false, true]);
     let mut orders = BTreeSet::new();
     // Four visits a round, two samples a visit; the control's sides are workers of their own.
     for round in workers.samples.chunks(8) {
@@ -196,6 +210,15 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
     }
     assert_eq!(workers.samples.len(), 3 * 5 * 8, "three launches, four rounds and one unkept");
     assert!(orders.len() > 5, "{}", orders.len());
+}
+
+#[test]
+fn both_sides_settle_by_one_frame_and_then_take_equally_many() {
+    let mut workers = Simulated { speed: Some(20.0), ..Simulated::default() };
+    measure(&mut workers);
+    for launch in workers.frames.chunks(5 * 8) {
+        assert!(launch[..8] == [1; 8] && launch[8..] == [6; 32], "{launch:?}");
+    }
 }
 
 #[test]
@@ -294,28 +317,5 @@ fn an_interrupted_launch_leaves_nothing() {
         assert!(found.pairs.iter().all(|pair| pair.launch == 0));
         assert!(found.faults.is_empty(), "no cell is given up");
         assert_eq!(workers.closed, 2);
-    }
-}
-
-#[test]
-fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
-    let cells: Vec<CellId> = (0..40).map(|n| CellId::new("tank", &format!("stage/{n}"))).collect();
-    let first = GateSchedule { cells: cells.clone(), pairs: 16, ..schedule() };
-    for (open, pairs) in [(1, 64), (10, 64), (11, 58), (20, 32), (40, 16)] {
-        let second = first.second_measurement(cells[..open].to_vec());
-        assert_eq!((second.cells.len(), second.pairs), (open, pairs));
-        assert_eq!((second.launches, second.second), (first.launches, true));
-        assert!(open as u32 * pairs <= 40 * 16);
-    }
-}
-
-#[test]
-fn lines_name_the_measurement_that_they_are_of() {
-    for second in [false, true] {
-        let schedule = GateSchedule { second, ..schedule() };
-        let found =
-            written(&schedule, &mut Simulated::default(), &EarlierLaunches::default(), &NEVER);
-        assert!(found.pairs.iter().all(|pair| pair.second == second));
-        assert!(found.launches.iter().all(|launch| launch.second == second));
     }
 }

@@ -10,7 +10,7 @@ use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts::{Change, CountChange};
 use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
 use fathom_judge::store::Comparison;
-use fathom_judge::time::{self, CellTime, ThrottledLaunches, TimeVerdict};
+use fathom_judge::time::{CellTime, ThrottledLaunches, TimeVerdict};
 use fathom_judge::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
 use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
 use fathom_record::{Adapter, Interval, machine};
@@ -179,14 +179,10 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
             GateState::Void(reason) => format!("{gate} gate void: {reason}"),
         })
         .collect();
-    for control in &verdicts.controls {
-        let second = if control.second { ", second measurement" } else { "" };
-        notes.push(format!(
-            "control {} with the base on both sides{second}: {}",
-            control.cell,
-            change(control)
-        ));
-    }
+    let control = verdicts.control.iter();
+    notes.extend(control.map(|control| {
+        format!("control {} with one build on both sides: {}", control.cell, change(control))
+    }));
     notes.extend(inconclusive(verdicts));
     notes.extend(on_two_adapters(verdicts));
     notes.extend(throttled_times(verdicts));
@@ -273,11 +269,10 @@ fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
     let settings = &verdicts.comparison.header.settings;
     match gate {
         Gate::Time => format!(
-            "{} launches of {} pairs{}{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
-            verdicts.comparison.launches_of(false),
+            "{} launches of {} pairs{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
+            verdicts.comparison.launches.len(),
             settings.pairs,
-            settled(verdicts.comparison).unwrap_or_default(),
-            second(verdicts.comparison).unwrap_or_default(),
+            decided_early(verdicts).unwrap_or_default(),
             100.0 * settings.threshold,
             100.0 * settings.alpha
         ),
@@ -291,28 +286,15 @@ fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
     }
 }
 
-/// How many cells the first launches settled, if any.
-fn settled(comparison: &Comparison) -> Option<String> {
-    let settled = time::unchanged_cells(comparison).len();
-    (settled > 0).then(|| {
-        format!(
-            " ({} launches for {}, which they settled)",
-            time::LOOK,
-            count_noun(settled, "cell")
-        )
-    })
-}
-
-/// What the second measurement of the time gate was, if there was one.
-fn second(comparison: &Comparison) -> Option<String> {
-    let of_second = comparison.pairs.iter().filter(|pair| pair.second);
-    let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
-    let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();
-    let launches = comparison.launches_of(true);
-    Some(format!(
-        ", {launches} more of {pairs} pairs for {} still undecided",
-        count_noun(open, "cell")
-    ))
+/// Cells that have fewer launches than there were, if any: ` (8 for 35 cells, 20 for 28 cells)`.
+fn decided_early(verdicts: &Verdicts<'_>) -> Option<String> {
+    let all = verdicts.comparison.launches.len();
+    let times = verdicts.cells.iter().filter_map(|cell| cell.time.as_ref());
+    let counts = times.map(|time| time.launches.len()).filter(|launches| *launches < all).counts();
+    let counts = counts.into_iter().sorted();
+    let told =
+        counts.map(|(launches, n)| format!("{launches} for {}", count_noun(n, "cell"))).join(", ");
+    (!told.is_empty()).then(|| format!(" ({told})"))
 }
 
 /// `origin/main (0.1.0, 1a2b3c4d5e6f)`, `fathom (0.1.0, 1a2b3c4d5e6f with changed files) with LP_NATIVE_VECTOR_WIDTH`.
