@@ -46,7 +46,7 @@ pub struct Experiment {
     /// Stages of every cell that `fathom compare` compares.
     #[serde(default)]
     pub stages: Vec<String>,
-    /// `CELL STAGE` that `fathom compare` measures once more with the base on both sides; the first where absent.
+    /// `CELL STAGE` that `fathom compare` measures once more with one build on both sides; the first where absent.
     pub control: Option<String>,
     /// A denser run that each cell's result is held against.
     pub reference: Option<Reference>,

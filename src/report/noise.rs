@@ -56,7 +56,10 @@ fn short_percent(share: f64) -> String {
 
 /// What it was measured by: `half width of the median cell 3.6 %, scatter 8.4 %, …`
 pub fn figures(verdict: &RunVerdict) -> String {
-    let [half_width, scatter] = [verdict.half_width, verdict.scatter].map(percent);
+    let shares =
+        [("half width of the median cell", verdict.half_width), ("scatter", verdict.scatter)];
+    // Of too few visits there is none.
+    let known = shares.into_iter().filter(|(_, share)| share.is_finite());
     let load = match verdict.load {
         Some(MeanLoad { others, steal, cores }) => format!(
             "other processes {} of {cores} cores, steal time {} % of a core",
@@ -65,7 +68,7 @@ pub fn figures(verdict: &RunVerdict) -> String {
         ),
         None => "load and steal time not recorded".to_owned(),
     };
-    format!("half width of the median cell {half_width}, scatter {scatter}, {load}")
+    known.map(|(what, share)| format!("{what} {}", percent(share))).chain([load]).join(", ")
 }
 
 /// For the terminal: the headline, the figures, what would make the next run better.
