@@ -111,7 +111,6 @@ impl Quantity {
         Quantity::Sampled(values.iter().enumerate().map_while(sample).collect())
     }
 
-    /// Of this cell, whose record may not tell visits.
     fn from_repetitions(cell: &FrameRecord, values: &[f64]) -> Quantity {
         let is_earlier = cell.visits.len() < cell.rounds.len();
         let sample = |(number, value): (u32, &f64)| RoundSample {
@@ -156,21 +155,20 @@ impl Quantity {
         Some(visits::medians(&numbers?, &self.values(), scale))
     }
 
-    /// A sample of each visit, and visits numbered from 0: cells that were visited apart are compared visit by visit. Of records of
-    /// before the samples in their order.
+    /// A sample of each visit, and visits numbered from 0: cells that were visited apart are compared visit by visit. The same where
+    /// visits are not told.
     pub(crate) fn in_order_of_visits(&self) -> Quantity {
-        let Quantity::Sampled(samples) = self else { return self.clone() };
-        let (firsts, values) = match self.visits(Scale::Factors) {
-            Some(values) => (samples.iter().unique_by(|sample| sample.visit).collect(), values),
-            None => (samples.iter().collect_vec(), self.values()),
+        let (Quantity::Sampled(samples), Some(values)) = (self, self.visits(Scale::Factors)) else {
+            return self.clone();
         };
-        let of = |(round, (first, value)): (u32, (&&RoundSample, f64))| RoundSample {
+        let firsts = samples.iter().unique_by(|sample| sample.visit);
+        let of = |(round, (first, value)): (u32, (&RoundSample, f64))| RoundSample {
             round,
-            visit: first.visit.map(|_| round),
+            visit: Some(round),
             value,
-            ..**first
+            ..*first
         };
-        Quantity::Sampled((0..).zip(firsts.iter().zip(values)).map(of).collect())
+        Quantity::Sampled((0..).zip(firsts.zip(values)).map(of).collect())
     }
 
     pub fn values(&self) -> Vec<f64> {

@@ -58,7 +58,6 @@ fn short_percent(share: f64) -> String {
 pub fn figures(verdict: &RunVerdict) -> String {
     let shares =
         [("half width of the median cell", verdict.half_width), ("scatter", verdict.scatter)];
-    // Of too few visits there is none.
     let known = shares.into_iter().filter(|(_, share)| share.is_finite());
     let load = match verdict.load {
         Some(MeanLoad { others, steal, cores }) => format!(

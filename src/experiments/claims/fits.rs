@@ -108,8 +108,8 @@ fn without_one(points: &[(f64, f64)], slope: f64) -> Interval {
     )
 }
 
-/// A figure of the points of each round that all of them have, or of their visits in order, where these are more; of the exact points
-/// where none is sampled.
+/// A figure of the points of each round that all of them have, or of their visits in order, where these are told and more; of the exact
+/// points where none is sampled.
 fn by_visit(points: &[(f64, Quantity)], figure: impl Fn(&[(f64, f64)]) -> Option<f64>) -> Quantity {
     if points.iter().all(|(_, y)| y.n().is_none()) {
         return Quantity::Exact(figure(&medians(points)).unwrap_or(f64::NAN));
