@@ -25,7 +25,7 @@ pub enum Scale {
 }
 
 impl Scale {
-    fn of(self, value: f64) -> f64 {
+    fn forward(self, value: f64) -> f64 {
         if self == Self::Factors { value.ln() } else { value }
     }
 
@@ -35,7 +35,7 @@ impl Scale {
 
     /// Of some values, between the ends also where a logarithm is rounded.
     fn middle(self, values: &[f64], of: impl Fn(&[f64]) -> f64) -> f64 {
-        let middle = self.back(of(&values.iter().map(|value| self.of(*value)).collect_vec()));
+        let middle = self.back(of(&values.iter().map(|value| self.forward(*value)).collect_vec()));
         let ends = values.iter().copied().minmax().into_option();
         ends.map_or(middle, |(min, max)| middle.clamp(min, max))
     }
@@ -72,7 +72,7 @@ pub fn estimate(visits: &[f64], scale: Scale, alpha: f64) -> Estimate {
         return Estimate::default();
     }
     let (n, scale) = (visits.len(), scale.fitting(visits));
-    let values = visits.iter().map(|value| scale.of(*value)).collect_vec();
+    let values = visits.iter().map(|value| scale.forward(*value)).collect_vec();
     let middle = mean(values.iter().copied());
     let interval = (n >= MIN_VISITS).then(|| {
         let reach = student_t(n - 1, alpha) * deviation(&values) / (n as f64).sqrt();
@@ -231,7 +231,7 @@ mod tests {
     }
 
     /// In how many stretches the interval of the first visits holds the figure of the next, by visits and by samples, and how many there are.
-    fn held(series: &[Vec<Vec<f64>>], visits: usize, next: usize) -> ([f64; 2], f64) {
+    fn count_held(series: &[Vec<Vec<f64>>], visits: usize, next: usize) -> ([f64; 2], f64) {
         let (mut held, mut all) = ([0.0; 2], 0.0);
         for of_cell in series {
             for stretch in of_cell.chunks_exact(visits + next) {
@@ -256,7 +256,7 @@ mod tests {
         assert!(series.len() == 48 && series.iter().all(|visits| visits.len() == 30));
         let (mut by, mut expected, mut variance) = ([0.0; 2], 0.0, 0.0);
         for (visits, next) in sizes.into_iter().cartesian_product(sizes) {
-            let ([of_visits, of_samples], all) = held(&series, visits, next);
+            let ([of_visits, of_samples], all) = count_held(&series, visits, next);
             let rate = computed_rate(visits, next);
             by = [by[0] + of_visits, by[1] + of_samples];
             (expected, variance) = (expected + all * rate, variance + all * rate * (1.0 - rate));

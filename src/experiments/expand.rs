@@ -353,9 +353,10 @@ impl Experiment {
         profile: Profile,
         sweeps: &[ChosenSweep<'_>],
     ) -> Result<(), ExperimentError> {
-        let turns = self.views.as_ref().map(|views| views.turns_deg.of(profile).len());
+        let turns = self.views.as_ref().map(|views| views.turns_deg.for_profile(profile).len());
         let views = turns.map_or(0, |turns| 1 + 2 * turns);
-        let repeated = self.repetitions.as_ref().map_or(0, |own| u64::from(*own.count.of(profile)));
+        let repeated =
+            self.repetitions.as_ref().map_or(0, |own| u64::from(*own.count.for_profile(profile)));
         let each = 1 + u64::from(self.reference.is_some()) + views as u64 + repeated;
         let points = |sweep: &ChosenSweep<'_>| {
             sweep.axes.iter().fold(each, |n, (_, values)| n.saturating_mul(values.len() as u64))
@@ -422,7 +423,7 @@ impl Experiment {
         let at = |place: [f64; 2]| {
             with(own.vary.iter().map(|path| (path.clone(), json!(place))).collect())
         };
-        let count = *own.count.of(profile);
+        let count = *own.count.for_profile(profile);
         Some(RepetitionPlan { repeated: places(count).into_iter().map(at).collect() })
     }
 

@@ -180,14 +180,14 @@ const MAX_REPETITIONS: u32 = 100;
 
 /// One value for both profiles, or one for each: `4`, `{ quick = 4, paper = 8 }`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected a value, or { quick = …, paper = … }")]
 pub enum ByProfile<T> {
     Each { quick: T, paper: T },
     Both(T),
 }
 
 impl<T> ByProfile<T> {
-    pub fn of(&self, profile: Profile) -> &T {
+    pub fn for_profile(&self, profile: Profile) -> &T {
         match (self, profile) {
             (Self::Both(value), _)
             | (Self::Each { quick: value, .. }, Profile::Quick)
@@ -220,7 +220,7 @@ pub struct RepeatedOutput {
 
 impl Repetitions {
     fn check(&self) -> Result<(), String> {
-        let counts = Profile::ALL.map(|profile| *self.count.of(profile));
+        let counts = Profile::ALL.map(|profile| *self.count.for_profile(profile));
         if let Some(count) =
             counts.iter().find(|count| !(MIN_REPETITIONS..=MAX_REPETITIONS).contains(*count))
         {
@@ -404,7 +404,9 @@ impl Experiment {
             return Err(format!("knee_share {share} must lie between 0 and 1"));
         }
         let views = self.views.iter();
-        for turns_deg in views.flat_map(|views| Profile::ALL.map(|of| views.turns_deg.of(of))) {
+        for turns_deg in
+            views.flat_map(|views| Profile::ALL.map(|of| views.turns_deg.for_profile(of)))
+        {
             let count = turns_deg.len();
             if count > MAX_TURNS {
                 return Err(format!(

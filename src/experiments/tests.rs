@@ -155,7 +155,7 @@ fn repetitions_keep_the_cell_but_for_the_place_of_its_grids() {
     };
     let places = |cell: &CellPlan| {
         let runs = cell.repetitions.clone().unwrap();
-        assert_eq!(runs.repeated.len(), *own.count.of(Profile::Quick) as usize);
+        assert_eq!(runs.repeated.len(), *own.count.for_profile(Profile::Quick) as usize);
         let place = |overrides: &Vec<(String, Value)>| {
             assert_eq!(without(overrides, &own.vary), without(&cell.overrides, &own.vary));
             let of = |name: &String| overrides.iter().find(|(path, _)| path == name).unwrap();

@@ -50,17 +50,16 @@ pub type GroupKey = Vec<wgpu::BindGroupLayoutEntry>;
 /// The pipelines of a device that were made up to now.
 #[derive(Default)]
 pub(super) struct Pipelines {
-    kernels: Known<KernelKey, wgpu::ComputePipeline>,
-    rasters: Known<RasterKey, wgpu::RenderPipeline>,
+    kernels: PipelineMap<KernelKey, wgpu::ComputePipeline>,
+    rasters: PipelineMap<RasterKey, wgpu::RenderPipeline>,
     /// Counts uses.
     uses: AtomicU64,
 }
 
 /// Each with the number of its latest use.
-type Known<K, P> = Mutex<HashMap<K, (P, u64)>>;
+type PipelineMap<K, P> = Mutex<HashMap<K, (P, u64)>>;
 
-/// Pipelines that are kept on a software driver, whose compiled code is the process's own memory: up to 20 MiB for a shader with
-/// unrolled loops, 512 MiB for all of these.
+/// Pipelines that are kept on a software driver, whose compiled code is the process's own memory: so a run of 4 minutes has 1.0 GiB.
 const SOFTWARE_PIPELINES: usize = 96;
 
 impl Pipelines {
@@ -114,7 +113,7 @@ impl Gpu {
 }
 
 fn get_or_create<K: Eq + Hash, P: Clone>(
-    known: &Known<K, P>,
+    known: &PipelineMap<K, P>,
     number: u64,
     key: K,
     make: impl FnOnce() -> P,

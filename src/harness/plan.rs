@@ -169,7 +169,7 @@ pub fn plan(
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
         let angles_deg =
-            experiment.views.as_ref().map(|views| views.turns_deg.of(profile).as_slice());
+            experiment.views.as_ref().map(|views| views.turns_deg.for_profile(profile).as_slice());
         let cell = |plan| {
             in_time()?;
             planned_cell(&mut subjects, plan, angles_deg, capacity)

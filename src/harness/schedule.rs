@@ -15,6 +15,8 @@
 //! the proportion in which the seen frames of the pipeline (or of all pipelines) stand to theirs, and its preparation and the
 //! reading of its figures from the mean of the experiment's cells, or of all cells.
 
+use std::cmp::Ordering;
+
 use super::sample::CostForecast;
 use fathom_base::visits::{MIN_VISITS, VISIT_S};
 
@@ -69,11 +71,6 @@ impl CellState {
     fn is_new(&self) -> bool {
         !self.is_excluded && !self.recorded
     }
-
-    /// It may be visited so often.
-    fn lacks(&self, visits: usize) -> bool {
-        !self.is_excluded && (!self.recorded || !self.untimed && self.visits < visits)
-    }
 }
 
 /// Cells to visit next.
@@ -124,11 +121,10 @@ impl Schedule {
             return Next::Visit(Batch { begins: Some(unit), ..batch });
         }
         let promised = self.due(now_s, min_visits, |unit| unit.is_promised);
-        let fewest = |unit: &usize| (self.fewest_visits(*unit), self.visited_s(*unit));
-        let owed = promised.into_iter().min_by(|a, b| {
-            let (a, b) = (fewest(a), fewest(b));
-            a.0.cmp(&b.0).then_with(|| a.1.total_cmp(&b.1))
-        });
+        let order = |unit: &usize| (self.fewest_visits(*unit), self.visited_s(*unit));
+        let owed = promised
+            .into_iter()
+            .min_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(Ordering::Equal));
         if let Some(unit) = owed {
             let batch = self.batch(unit, min_visits);
             if self.cost_s(&batch) <= left_s {
@@ -191,10 +187,8 @@ impl Schedule {
                 is_new && !is_promised && all_s <= left_s - owed_s && apart_s <= left_s;
             is_fitting.then_some((rank, all_s / claims.max(1) as f64, unit))
         };
-        let order = |a: &(i32, f64, usize), b: &(i32, f64, usize)| {
-            a.0.cmp(&b.0).then_with(|| a.1.total_cmp(&b.1))
-        };
-        (0..self.units.len()).filter_map(price).min_by(order).map(|(.., unit)| unit)
+        let prices = (0..self.units.len()).filter_map(price);
+        prices.min_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal)).map(|(.., unit)| unit)
     }
 
     /// One visit of a unit that was not begun, or else of a cell of one, the cheapest first.
@@ -280,10 +274,15 @@ impl Schedule {
         (0..self.units.len()).filter(is_due).collect()
     }
 
-    /// All cells of a unit that lack so many visits.
+    /// All cells of a unit, if one lacks so many visits: what is compared is visited together, also with a cell that was visited alone.
     fn batch(&self, unit: usize, visits: usize) -> Batch {
         let ClaimUnit { experiment, cells, .. } = &self.units[unit];
-        let lacking = cells.iter().copied().filter(|cell| self.state(unit, *cell).lacks(visits));
+        let lacks_visits = self.fewest_visits(unit) < visits;
+        let is_due = |cell: &usize| {
+            let state = self.state(unit, *cell);
+            state.is_new() || lacks_visits && !state.is_excluded && !state.untimed
+        };
+        let lacking = cells.iter().copied().filter(is_due);
         Batch { experiment: *experiment, cells: lacking.collect(), is_first: false, begins: None }
     }
 

@@ -81,8 +81,9 @@ fn rulings(experiment: &str, cells: &[Cell]) -> Vec<Ruling> {
 #[track_caller]
 fn agrees_with_itself(cells: &[Cell], summary: &str) {
     let rounds: Vec<_> = cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds).collect();
-    let together = rounds[0].iter().filter(|round| rounds.iter().all(|all| all.contains(round)));
-    assert!(together.count() >= 8, "sampled together: {rounds:?}");
+    let visits = rounds[0].iter().zip(&cells[0].measured().unwrap().frame.visits);
+    let together = visits.filter(|(round, _)| rounds.iter().all(|all| all.contains(round)));
+    assert!(together.unique_by(|(_, visit)| **visit).count() >= 4, "visited together: {rounds:?}");
     let rulings = rulings(PLANTED, cells);
     for ruling in &rulings {
         assert!(!ruling.verdict.is_settled() || ruling.n.is_some_and(|n| n >= 4), "{ruling:?}");

@@ -95,7 +95,7 @@ impl FrameClock {
     /// one of visits within less than 60 s is of these seconds alone.
     #[must_use]
     pub fn with_budget(mut self, seconds: f64) -> Self {
-        self.budget_s = seconds;
+        self.budget_s = seconds.max(0.0);
         self
     }
 

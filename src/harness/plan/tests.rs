@@ -121,7 +121,7 @@ fn every_view_is_seen_from_within_its_scene() {
         for (experiment, cell) in
             planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c)))
         {
-            let turns_deg = experiment.views.as_ref().unwrap().turns_deg.of(profile);
+            let turns_deg = experiment.views.as_ref().unwrap().turns_deg.for_profile(profile);
             let own = cell.subject.camera();
             let tracer = Tracer::new(&cell.subject.scene.objects);
             for angle_deg in turns_deg {

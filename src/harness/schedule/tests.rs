@@ -137,6 +137,16 @@ fn what_fits_once_only_takes_the_time_that_is_left() {
     assert_eq!(model.visits(2), [1, 1], "{:?}", model.order());
 }
 
+/// One that was visited alone, long before the others of its unit.
+#[test]
+fn what_is_compared_is_visited_together_at_all_its_visits() {
+    let mut model = SimulatedRun::new(vec![vec![USUAL; 3], vec![USUAL]], &[1, 1]);
+    assert!(model.step(1e6));
+    model.now_s += 60.0;
+    let order = model.run(140.0).order();
+    assert!(order.iter().skip(1).all(|(of, cells)| *of == 1 || *cells == 3), "{order:?}");
+}
+
 #[test]
 fn one_cell_is_begun_however_short_the_time_if_there_is_any() {
     let model = || SimulatedRun::new(vec![vec![USUAL; 2], vec![USUAL]], &[1, 1]);
