@@ -67,8 +67,8 @@ pub fn parts(page: &Page<'_>) -> Vec<Block> {
     });
     let lead = "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, near the \
          bound if the bound is our own and the figure is not told from it, and otherwise inconclusive. \
-         Claims are read once, when sampling has ended; that of a claim which is contradicted by one of several figures is wider than 95 %, as \
-         it could fail by chance in each. On the page the dot is the \
+         Claims are read once, when sampling has ended. Where one of several figures contradicts a claim, its interval is wider than 95 %, as each \
+         could do so by chance. On the page the dot is the \
          measured figure, the line its interval, the shaded part the claim's band, and the diamond the published figure.";
     let of =
         |whose| part(page, whose, rows.iter().filter(|row| row.claim.origin() == whose).collect());

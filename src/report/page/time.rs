@@ -98,8 +98,10 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
     if let Some(first) = rows.first_mut() {
         let (cell, times) = (frame.cell, &frame.measured.frame);
         let place = format!(" ({} {}, {})", cell.experiment, cell.cell, frame.conditions());
-        let (ms, n) = (format::ms(&times.untimed), times.untimed.n);
-        let summary = Line::from(format!("{}: {ms} ms, n = {n}", cell.pipeline));
+        let statistics::Estimate { n, interval, .. } = times.untimed;
+        let n = interval.map_or_else(String::new, |_| format!(", n = {n}"));
+        let ms = format::ms(&times.untimed);
+        let summary = Line::from(format!("{}: {ms} ms{n}", cell.pipeline));
         first[0] = summary.and(Span::Faint(place)).into();
     }
     rows
