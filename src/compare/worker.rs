@@ -223,7 +223,7 @@ impl OpenDevice {
         let mut exact = Exact {
             stages: stages.collect(),
             allocated_bytes: pipeline.allocated_bytes(),
-            quantities: pipeline.quantities(&self.gpu)?,
+            quantities: pipeline.all_quantities(&self.gpu)?,
             ..Exact::default()
         };
         let mut known = ReferenceCache::default();

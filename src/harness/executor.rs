@@ -246,6 +246,10 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
         let mut findings = CellFindings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
+        // They explain times.
+        if !self.cells[cell].plan.errors_only {
+            findings.add("reads not counted", pipeline.counted_reads(&self.session.gpu));
+        }
         let start = self.session.times.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
             findings.errors = judged.errors;

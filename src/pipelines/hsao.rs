@@ -74,16 +74,17 @@ impl PipelineInstance for Hsao {
         self.composed.shows_occlusion
     }
 
-    /// `samples_per_pixel_most`, and `samples_per_pixel` as taken by the pixels of the occlusion buffer where something was
-    /// drawn; `covered_share` of its pixels.
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+    fn quantities(&self, _gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        Ok(to_map([("samples_per_pixel_most", self.uniforms.samples_per_pixel() as f64)]))
+    }
+
+    /// `samples_per_pixel` as taken by the pixels of the occlusion buffer where something was drawn; `covered_share` of its pixels.
+    fn counted_reads(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let (shared, gbuffer) = (&self.seen.shared, &self.buffers.gbuffer);
         let counts = march::count(gpu, shared, gbuffer, &self.uniforms, self.hard)?;
         let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
         let covered = counts.fragments as f64;
-        let max = self.uniforms.samples_per_pixel() as f64;
         Ok(to_map([
-            ("samples_per_pixel_most", max),
             ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
             ("covered_share", covered / pixels),
         ]))

@@ -151,6 +151,22 @@ pub trait PipelineInstance {
     /// What the GPU reports.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
 
+    /// What the rays of the last frame read, counted by another pass of them.
+    ///
+    /// # Errors
+    /// As [`Self::quantities`].
+    fn counted_reads(&self, _gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        Ok(BTreeMap::new())
+    }
+
+    /// [`Self::quantities`] and [`Self::counted_reads`].
+    ///
+    /// # Errors
+    /// As [`Self::quantities`].
+    fn all_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        Ok(self.quantities(gpu)?.into_iter().chain(self.counted_reads(gpu)?).collect())
+    }
+
     /// What an analysis of a stage's outputs needs in addition: an object whose keys go into the description of a dump.
     fn context(&self, _stage: &str) -> Value {
         Value::Null

@@ -167,5 +167,5 @@ fn figures(rig: &Rig<'_>, frame: &AnyPipeline, scene: &Rc<Scene>) -> Result<BTre
     let mut judge = Judge::new(rig.gpu, scene, &mut known);
     let judged = frame.judge(&mut judge).map_err(|error| rig.invalid(&error))?;
     let errors = judged.errors.into_iter().map(|error| (error.name, error.value));
-    Ok(errors.chain(judged.quantities).chain(frame.quantities(rig.gpu)?).collect())
+    Ok(errors.chain(judged.quantities).chain(frame.all_quantities(rig.gpu)?).collect())
 }

@@ -17,7 +17,7 @@ fn frame(gpu: &Gpu, set: &str) -> (Pixels, BTreeMap<String, f64>) {
     let (scene, params) = prepared::<Hsao>(gpu, "tank", &set);
     let pipeline = built::<Hsao>(gpu, &scene, &params);
     let image = read_texture(gpu, pipeline.image()).unwrap();
-    (image, pipeline.quantities(gpu).unwrap())
+    (image, pipeline.all_quantities(gpu).unwrap())
 }
 
 #[test]

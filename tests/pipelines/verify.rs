@@ -113,7 +113,7 @@ fn scalar_fields_give_their_figures() {
         let set = format!("{small} scalar.mode={mode} scalar.rays=3 scalar.samples=4");
         let (scene, params) = prepared::<ScalarAo>(&gpu, "smoke", &set);
         let pipeline = built::<ScalarAo>(&gpu, &scene, &params);
-        let figures = pipeline.quantities(&gpu).unwrap();
+        let figures = pipeline.all_quantities(&gpu).unwrap();
 
         let cells = scene.volume.as_ref().unwrap().cells;
         assert_eq!(cells, [25, 16, 25]);

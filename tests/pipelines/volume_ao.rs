@@ -37,7 +37,7 @@ fn variants_agree_where_they_must() {
 
     let skipping = run("ao.skipping=true");
     assert_eq!(visibility_of(&gpu, &skipping).data, visibility.data);
-    let [taken, all] = [&skipping, &plain].map(|of| of.quantities(&gpu).unwrap());
+    let [taken, all] = [&skipping, &plain].map(|of| of.all_quantities(&gpu).unwrap());
     assert!(taken["samples_per_pixel_mean"] < 0.75 * all["samples_per_pixel_mean"], "{taken:?}");
     assert!(taken["lookups_per_pixel_mean"] > 0.0);
 

@@ -21,32 +21,12 @@ impl PipelineInstance for VolumeAo {
         self.composed.shows_occlusion
     }
 
-    /// Samples are counted by a shader that does nothing else, over the last frame's G-buffer and volumes.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let gbuffer = &self.buffers.gbuffer;
-        let depth = read_texture(gpu, &gbuffer.depth)?.data;
-        let covered = depth.iter().filter(|z| **z < 1.0).count();
-        let covered_share = covered as f64 / depth.len() as f64;
-        let raw = &self.buffers.raw.1;
-        let buffer_px = [raw.width(), raw.height()];
-        let seen = (gbuffer, self.view_projection);
-        let shared = &self.seen.shared;
-        let counts = march::count(gpu, shared, &self.volumes, seen, &self.marching, buffer_px)?;
-        // Per pixel of the occlusion buffer that shows geometry.
-        let pixels = covered_share * f64::from(buffer_px[0]) * f64::from(buffer_px[1]);
-        let per_pixel = |count: u64| count as f64 / pixels.max(1.0);
         // Of several volumes, the one with the largest voxels.
         let grids = self.volumes.iter().map(|voxels| voxels.grid);
         let coarsest = grids.max_by(|a, b| a.voxel_m.total_cmp(&b.voxel_m));
-        let mut figures = vec![
-            ("covered_share", covered_share),
-            ("samples_per_pixel_mean", per_pixel(counts.samples)),
-            ("reads_per_pixel_mean", per_pixel(counts.samples + counts.lookups)),
-            ("r_max_m", self.marching.r_max_m),
-        ];
-        if self.marching.skipping {
-            figures.push(("lookups_per_pixel_mean", per_pixel(counts.lookups)));
-        }
+        let mut figures =
+            vec![("covered_share", self.covered_share(gpu)?), ("r_max_m", self.marching.r_max_m)];
         if let Some(grid) = coarsest {
             figures.push(("r_max_voxels", self.marching.r_max_voxels(&grid)));
             figures.push(("step_voxels", self.marching.step_voxels(&grid)));
@@ -54,8 +34,37 @@ impl PipelineInstance for VolumeAo {
         Ok(to_map(figures))
     }
 
+    /// By a shader that does nothing else, over the last frame's G-buffer and volumes; per pixel of the occlusion buffer that shows
+    /// geometry.
+    fn counted_reads(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        let (gbuffer, raw) = (&self.buffers.gbuffer, &self.buffers.raw.1);
+        let buffer_px = [raw.width(), raw.height()];
+        let seen = (gbuffer, self.view_projection);
+        let shared = &self.seen.shared;
+        let counts = march::count(gpu, shared, &self.volumes, seen, &self.marching, buffer_px)?;
+        let pixels = self.covered_share(gpu)? * f64::from(buffer_px[0]) * f64::from(buffer_px[1]);
+        let per_pixel = |count: u64| count as f64 / pixels.max(1.0);
+        let mut figures = vec![
+            ("samples_per_pixel_mean", per_pixel(counts.samples)),
+            ("reads_per_pixel_mean", per_pixel(counts.samples + counts.lookups)),
+        ];
+        if self.marching.skipping {
+            figures.push(("lookups_per_pixel_mean", per_pixel(counts.lookups)));
+        }
+        Ok(to_map(figures))
+    }
+
     fn occlusion(&self) -> Option<&OcclusionBuffers> {
         Some(&self.buffers)
+    }
+}
+
+impl VolumeAo {
+    /// Of the picture's pixels, those that show geometry.
+    fn covered_share(&self, gpu: &Gpu) -> Result<f64, GpuError> {
+        let depth = read_texture(gpu, &self.buffers.gbuffer.depth)?.data;
+        let covered = depth.iter().filter(|z| **z < 1.0).count();
+        Ok(covered as f64 / depth.len() as f64)
     }
 }
 

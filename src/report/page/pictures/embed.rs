@@ -9,8 +9,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use fathom_base::folder::Dir;
 use fathom_record::{Picture, PictureKind};
 use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ImageFormat, ImageReader, ImageResult, Limits, RgbImage, imageops};
+use image::{ImageFormat, ImageReader, Limits, RgbImage, imageops};
 
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 16 << 20;
@@ -51,12 +50,15 @@ impl Embedder {
         let picture = self.decode(folder, &picture.path)?;
         let own_px = [picture.width(), picture.height()];
         let picture = reduced(picture);
-        let (media_type, bytes) = smallest(&picture, quality).map_err(|error| error.to_string())?;
+        let mut bytes = Vec::new();
+        let written =
+            picture.write_with_encoder(JpegEncoder::new_with_quality(&mut bytes, quality));
+        written.map_err(|error| error.to_string())?;
         self.bytes += bytes.len();
         if self.bytes > MAX_EMBEDDED {
             return Err(format!("the page holds {} KiB of pictures at most", MAX_EMBEDDED >> 10));
         }
-        let uri = format!("data:{media_type};base64,{}", BASE64.encode(bytes));
+        let uri = format!("data:image/jpeg;base64,{}", BASE64.encode(bytes));
         Ok(Embedded { uri, own_px, shown_px: [picture.width(), picture.height()] })
     }
 
@@ -86,15 +88,4 @@ fn reduced(picture: RgbImage) -> RgbImage {
     }
     let scaled = |side: u32| (side * MAX_SHOWN_PX / longest).max(1);
     imageops::resize(&picture, scaled(width), scaled(height), imageops::Triangle)
-}
-
-/// As JPEG, or as PNG where that is smaller.
-fn smallest(picture: &RgbImage, quality: u8) -> ImageResult<(&'static str, Vec<u8>)> {
-    let mut jpeg = Vec::new();
-    picture.write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, quality))?;
-    let mut png = Vec::new();
-    let (compression, filter) = (CompressionType::Best, FilterType::Adaptive);
-    picture.write_with_encoder(PngEncoder::new_with_quality(&mut png, compression, filter))?;
-    let is_png = png.len() < jpeg.len();
-    Ok(if is_png { ("image/png", png) } else { ("image/jpeg", jpeg) })
 }
