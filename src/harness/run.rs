@@ -18,6 +18,7 @@ use super::schedule::{Batch, CellCosts, CellState, ClaimUnit, MAX_VISITS, Next, 
 use super::sweep::SOURCE;
 use super::{ceilings, memory};
 use fathom_base::folder::Dir;
+use fathom_base::visits::{MIN_SPAN_S, VISIT_S};
 use fathom_base::{print, private, quiet};
 use fathom_clock::Samples;
 use fathom_experiments::{CellPlan, Experiment};
@@ -43,6 +44,8 @@ const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
 const WAIT_S: f64 = 0.1;
 /// What a default budget has for set-up beside the time of its cells.
 const SET_UP_S: f64 = 30.0;
+/// What it has for them at least: visits that span less than a minute settle nothing.
+const MIN_MEASURING_S: f64 = MIN_SPAN_S + VISIT_S;
 
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
@@ -391,7 +394,7 @@ fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &
         });
         planned.experiment.weight * due.count() as f64
     });
-    (SET_UP_S + weights.sum::<f64>() * per_cell_s).min(max_s)
+    (SET_UP_S + (weights.sum::<f64>() * per_cell_s).max(MIN_MEASURING_S)).min(max_s)
 }
 
 struct Measurement<'a> {
