@@ -2,7 +2,8 @@
 //!
 //! Noise of a machine lasts. Frames that follow each other show one state of it, however many they are, and their interval does not hold
 //! what the next minute gives (`docs/measuring.md` has the figures). So the samples of a cell within [`VISIT_S`] are one visit, a visit
-//! gives one number, and intervals are Student's t over the numbers of visits: of times and ratios over their logarithms.
+//! gives one number, and intervals are Student's t over the numbers of visits, of times and ratios over their logarithms, widened by
+//! [`BETWEEN_RUNS`].
 
 use itertools::Itertools;
 
@@ -14,6 +15,10 @@ pub const MIN_VISITS: usize = 4;
 pub const VISIT_S: f64 = 10.0;
 /// An interval whose visits lie within less than this is one of these seconds alone, and settles nothing.
 pub const MIN_SPAN_S: f64 = 60.0;
+
+/// By how much figures of runs differ more than their visits tell: what lasts longer than a run is in none of them. Of six runs of four minutes on
+/// one machine, two quiet and four noisy ones each with their like, intervals then hold the other run's figure as often as is computed.
+pub const BETWEEN_RUNS: f64 = 1.3;
 
 /// What noise does to a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,7 +80,8 @@ pub fn estimate(visits: &[f64], scale: Scale, alpha: f64) -> Estimate {
     let values = visits.iter().map(|value| scale.forward(*value)).collect_vec();
     let middle = mean(values.iter().copied());
     let interval = (n >= MIN_VISITS).then(|| {
-        let reach = student_t(n - 1, alpha) * deviation(&values) / (n as f64).sqrt();
+        let error = BETWEEN_RUNS * deviation(&values) / (n as f64).sqrt();
+        let reach = student_t(n - 1, alpha) * error;
         Interval { low: scale.back(middle - reach), high: scale.back(middle + reach) }
     });
     Estimate { median: scale.middle(visits, |values| mean(values.iter().copied())), interval, n }
