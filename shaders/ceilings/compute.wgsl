@@ -1,12 +1,9 @@
-// defs: GROUP_SIZE=64, EDGE=64
+// defs: GROUP_SIZE=64
 // Kernels that measure the adapter's limits in compute passes. Every invocation of a kernel writes the same whole number.
-#import fathom::host::{KernelWork}
+#import fathom::ceilings::{loads_2d, loads_3d, multiply_adds, work}
 
-@group(0) @binding(0) var<uniform> work: KernelWork;
 @group(0) @binding(1) var<storage, read_write> results: array<atomic<u32>>;
 @group(1) @binding(0) var<storage, read> data: array<vec4<u32>>;
-@group(2) @binding(0) var image: texture_2d<f32>;
-@group(3) @binding(0) var volume: texture_3d<f32>;
 
 // A workgroup reads a piece of the buffer, neighbouring invocations neighbouring words, four of which add up to 1. Each iteration reads a
 // piece that is an eighth of the buffer or more away from those of the seven before, so that no cache smaller than that holds it. The
@@ -29,37 +26,14 @@ fn sum_words(
     atomicStore(&results[group.x * #{GROUP_SIZE}u + lane], sum.x + sum.y + sum.z + sum.w);
 }
 
-// Texels alternate between 0 and 1 along each axis: eight neighbours add up to 4.
-fn texel_2d(at: vec2<u32>) -> f32 {
-    return textureLoad(image, at & vec2<u32>(#{EDGE}u - 1u), 0).x;
-}
-
 @compute @workgroup_size(#{GROUP_SIZE})
 fn load_2d(@builtin(global_invocation_id) id: vec3<u32>) {
-    var sum = 0.0;
-    let x = vec2<u32>(1u, 0u);
-    for (var iteration = 0u; iteration < work.turns; iteration++) {
-        let at = vec2<u32>(id.x, id.x / #{EDGE}u + iteration);
-        sum += texel_2d(at) + texel_2d(at + x) + texel_2d(at + 2u * x) + texel_2d(at + 3u * x);
-        sum += texel_2d(at + 4u * x) + texel_2d(at + 5u * x) + texel_2d(at + 6u * x) + texel_2d(at + 7u * x);
-    }
-    atomicStore(&results[id.x], u32(sum));
-}
-
-fn texel_3d(at: vec3<u32>) -> f32 {
-    return textureLoad(volume, at & vec3<u32>(#{EDGE}u - 1u), 0).x;
+    atomicStore(&results[id.x], u32(loads_2d(vec2<u32>(id.x, id.x / 64u))));
 }
 
 @compute @workgroup_size(#{GROUP_SIZE})
 fn load_3d(@builtin(global_invocation_id) id: vec3<u32>) {
-    var sum = 0.0;
-    let x = vec3<u32>(1u, 0u, 0u);
-    for (var iteration = 0u; iteration < work.turns; iteration++) {
-        let at = vec3<u32>(id.x, id.x / #{EDGE}u, iteration);
-        sum += texel_3d(at) + texel_3d(at + x) + texel_3d(at + 2u * x) + texel_3d(at + 3u * x);
-        sum += texel_3d(at + 4u * x) + texel_3d(at + 5u * x) + texel_3d(at + 6u * x) + texel_3d(at + 7u * x);
-    }
-    atomicStore(&results[id.x], u32(sum));
+    atomicStore(&results[id.x], u32(loads_3d(vec2<u32>(id.x, id.x / 64u))));
 }
 
 @compute @workgroup_size(#{GROUP_SIZE})
@@ -72,22 +46,9 @@ fn add(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-fn step(x: vec4<f32>) -> vec4<f32> {
-    return fma(x, vec4<f32>(work.factor), vec4<f32>(work.addend));
-}
-
-// 64 multiply-adds an iteration, in eight independent chains: more would not stay in the registers of a CPU.
 @compute @workgroup_size(#{GROUP_SIZE})
 fn multiply_add(@builtin(global_invocation_id) id: vec3<u32>) {
-    var a = vec4<f32>(0.0);
-    var b = vec4<f32>(1.0);
-    for (var iteration = 0u; iteration < work.turns; iteration++) {
-        a = step(a); b = step(b); a = step(a); b = step(b);
-        a = step(a); b = step(b); a = step(a); b = step(b);
-        a = step(a); b = step(b); a = step(a); b = step(b);
-        a = step(a); b = step(b); a = step(a); b = step(b);
-    }
-    atomicStore(&results[id.x], u32(dot(a, vec4<f32>(1.0)) + dot(b, vec4<f32>(1.0)) - 4.0));
+    atomicStore(&results[id.x], u32(multiply_adds()));
 }
 
 // Counts its passes.

@@ -1,5 +1,6 @@
 // defs: COLUMNS=128, ROWS=256, UNORM=0
-// The simplest draws: a triangle over the whole target, and a grid of triangles of a pixel each.
+// The simplest draws: a triangle over the whole target, and a grid of triangles of a pixel each; and fragments that load and compute.
+#import fathom::ceilings::{loads_2d, loads_3d, multiply_adds}
 
 @vertex
 fn whole(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
@@ -22,4 +23,19 @@ fn fragment() -> @location(0) vec4<f32> {
 #else
     return vec4<f32>(1.0);
 #endif
+}
+
+@fragment
+fn load_2d(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    return vec4<f32>(loads_2d(vec2<u32>(at.xy)));
+}
+
+@fragment
+fn load_3d(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    return vec4<f32>(loads_3d(vec2<u32>(at.xy)));
+}
+
+@fragment
+fn multiply_add() -> @location(0) vec4<f32> {
+    return vec4<f32>(multiply_adds());
 }

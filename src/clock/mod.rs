@@ -18,6 +18,7 @@ pub use device::{Device, catch_panic, describe};
 pub use error::{ClockError, DeviceError};
 /// What is measured, as records have it.
 pub use fathom_record as record;
+pub use fathom_record::ceilings::Drawing;
 pub use fathom_record::{ClockPlan, SubmitCost};
 pub use frame::{
     ColorTarget, CostMeter, DepthTarget, EncodeCost, FrameSample, FrameTimer, HostClock, HostTime,

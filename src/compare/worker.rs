@@ -210,7 +210,7 @@ impl OpenDevice {
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
         let (Subject { scene, .. }, pipeline) = find_prepared(&self.prepared, config)?;
         let stages = pipeline.stages();
-        let counted = gpu::count(&self.gpu, &stages, MAX_PASSES)?.unwrap_or_default();
+        let counted = gpu::count(&self.gpu, &stages, MAX_PASSES)?;
         self.clock.timer.run_stages(&self.gpu, &stages)?;
         let stages = stages.iter().map(|stage| {
             let counters = counted.iter().find(|counted| counted.name == stage.name());

@@ -23,10 +23,10 @@ pub use capacity::Capacity;
 pub use ceilings::{Pacer, Waker, ceilings, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
-    Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, EncodeCost, FrameSample,
-    FrameTimer, HostClock, HostTime, MachineReader, RejectedTime, StageClock, StageCounters,
-    StageScope, SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table,
-    count,
+    Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Drawing, EncodeCost,
+    FrameSample, FrameTimer, HostClock, HostTime, MachineReader, RejectedTime, StageClock,
+    StageCounters, StageScope, SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time,
+    audit_table, count,
 };
 #[doc(hidden)]
 pub use inventory;

@@ -41,8 +41,8 @@ pub fn add_shares(
 ) -> Result<(), String> {
     for stage in &mut measured.stages {
         stage.ceiling = stage.share_of(ceilings);
-        let Some(limit) = exceeded_share(stage).map(|share| share.limit) else { continue };
-        let fresh = again(limit).map_err(|error| error.to_string())?;
+        let Some(limit) = exceeded_share(stage).map(|share| share.limit.clone()) else { continue };
+        let fresh = again(limit.clone()).map_err(|error| error.to_string())?;
         let held = ceilings.iter_mut().find(|held| held.limit == limit);
         if let Some(held) = held
             && fresh.is_sound()
@@ -71,7 +71,7 @@ fn describe_excess(stage: &StageRecord, share: &CeilingShare) -> String {
         share.work.name(),
         stage.time.median * 1e-6,
         100.0 * share.share,
-        share.limit.name()
+        share.limit_name()
     )
 }
 
@@ -80,7 +80,7 @@ pub struct CeilingsResult {
     pub adapter: String,
     pub ceilings: Vec<Ceiling>,
     /// What bounds nothing: limits for which twice the work did not take twice the time.
-    pub unsound: Vec<&'static str>,
+    pub unsound: Vec<String>,
 }
 
 pub fn measure_all(gpu: &Gpu, plan: ClockPlan) -> Result<CeilingsResult, GpuError> {
@@ -105,11 +105,11 @@ impl fmt::Display for CeilingsResult {
 }
 
 fn row(ceiling: &Ceiling) -> [String; 6] {
-    let Ceiling { limit, rate, doubling } = ceiling;
+    let Ceiling { limit, rate, doubling, .. } = ceiling;
     let [low, high] = rate.ends();
     let verdict = if ceiling.is_sound() { "" } else { ", unsound" };
     [
-        limit.name().to_owned(),
+        limit.name(),
         format!("{:.4e}", rate.median),
         format!("{low:.3e} to {high:.3e}"),
         rate.n.to_string(),
@@ -121,7 +121,7 @@ fn row(ceiling: &Ceiling) -> [String; 6] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_record::{Clock, Estimate, Interval, Work};
+    use fathom_record::{Clock, Estimate, Interval, PassKind, Work};
 
     fn estimate(median: f64) -> Estimate {
         let interval = Interval { low: 0.95 * median, high: 1.05 * median };
@@ -129,7 +129,7 @@ mod tests {
     }
 
     fn ceiling(rate: f64) -> Ceiling {
-        Ceiling { limit: Limit::Loads2d, rate: estimate(rate), doubling: 2.0 }
+        Ceiling::new(Limit::Loads2d(PassKind::Compute), estimate(rate), 2.0)
     }
 
     /// The share of a stage of 1 ms, or the error, where the ceiling is measured as `rates` one after the other.

@@ -28,7 +28,7 @@ use fathom_gpu::{
     Pacer, Stage, StageCounters, Waker,
 };
 use fathom_pipelines as pipelines;
-use fathom_pipelines::{AnyPipeline, Judge, ReferenceCache};
+use fathom_pipelines::{AnyPipeline, CountedReads, Judge, ReferenceCache};
 use fathom_record::output::picture_path;
 use fathom_record::{
     Begun, Ceiling, Cell, Earlier, MachineState, Measured, Note, NoteKind, Outcome, Picture,
@@ -248,7 +248,12 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
         // They explain times.
         if !self.cells[cell].plan.errors_only {
-            findings.add("reads not counted", pipeline.counted_reads(&self.session.gpu));
+            let counted = pipeline.counted_reads(&self.session.gpu);
+            let counted = findings.noted(NoteKind::NotComputed, "reads not counted", counted);
+            for CountedReads { stage, reads, quantities } in counted.into_iter().flatten() {
+                findings.reads.insert(stage.to_owned(), reads);
+                findings.quantities.extend(quantities);
+            }
         }
         let start = self.session.times.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
@@ -379,8 +384,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         }
         let start = Instant::now();
         let counted = gpu::count(&self.session.gpu, &pipeline.stages(), MAX_PASSES);
-        let counted = counted.map_err(GpuError::from)?.unwrap_or_default();
-        self.progress.counters.insert(cell, counted);
+        self.progress.counters.insert(cell, counted.map_err(GpuError::from)?);
         self.session.times.since(start, SetUp::Counting);
         Ok(())
     }

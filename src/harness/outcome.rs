@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use fathom_clock::{Samples, frame_record, sampling_notes, stage_record};
 use fathom_gpu::StageCounters;
 use fathom_pipelines::AnyPipeline;
+use fathom_record::ceilings::Reads;
 use fathom_record::{ErrorFigure, HostCosts, Measured, Note, NoteKind, Picture, StageRecord};
 
 /// What is found out about a cell after its last frame, and what could not be.
@@ -14,6 +15,8 @@ pub struct CellFindings {
     /// See [`Measured::repeated`].
     pub repeated: BTreeMap<String, Vec<f64>>,
     pub errors: Vec<ErrorFigure>,
+    /// By stage, see [`StageRecord::reads`].
+    pub reads: BTreeMap<String, Reads>,
     pub notes: Vec<Note>,
     pub pictures: Vec<Picture>,
     pub host: Option<HostCosts>,
@@ -31,10 +34,11 @@ const SAMPLE_NOTES: [NoteKind; 5] = [
 impl CellFindings {
     /// Those that an earlier run left in a record.
     pub fn recorded(measured: &Measured) -> Self {
-        let Measured { quantities, repeated, errors, mut notes, pictures, host, .. } =
+        let Measured { stages, quantities, repeated, errors, mut notes, pictures, host, .. } =
             measured.clone();
         notes.retain(|note| !SAMPLE_NOTES.contains(&note.kind));
-        Self { quantities, repeated, errors, notes, pictures, host }
+        let reads = stages.into_iter().filter_map(|stage| Some((stage.stage, stage.reads?)));
+        Self { quantities, repeated, errors, reads: reads.collect(), notes, pictures, host }
     }
 
     /// Those of a cell that is still sampled.
@@ -52,7 +56,8 @@ pub fn build_record(
     found: CellFindings,
 ) -> Measured {
     let frame = frame_record(samples);
-    let CellFindings { mut quantities, repeated, mut errors, mut notes, pictures, host } = found;
+    let CellFindings { mut quantities, repeated, mut errors, reads, mut notes, pictures, host } =
+        found;
     notes.extend(sampling_notes(samples));
     let mut is_finite = |name: &str, value: f64| {
         let left_out = || format!("{name} left out: it is not a finite number");
@@ -62,7 +67,7 @@ pub fn build_record(
     quantities.retain(|name, value| is_finite(name, *value));
     errors.retain(|error| is_finite(&error.name, error.value));
     Measured {
-        stages: stage_records(samples, pipeline, counters),
+        stages: stage_records(samples, pipeline, counters, &reads),
         frame,
         allocated_bytes: pipeline.allocated_bytes(),
         quantities,
@@ -80,6 +85,7 @@ fn stage_records(
     samples: &Samples,
     pipeline: &AnyPipeline,
     counters: &[StageCounters],
+    reads: &BTreeMap<String, Reads>,
 ) -> Vec<StageRecord> {
     let stages = pipeline.stages();
     let mut names: Vec<&str> = samples.stages().iter().map(|stage| stage.stage.as_str()).collect();
@@ -95,6 +101,11 @@ fn stage_records(
             work,
             least_work: (min_work != work).then_some(min_work),
             counters: counted.map(|stage| stage.counters.clone()).unwrap_or_default(),
+            passes: counted.map(|stage| stage.passes.iter().copied().collect()).unwrap_or_default(),
+            targets: counted
+                .map(|stage| stage.targets.iter().cloned().collect())
+                .unwrap_or_default(),
+            reads: reads.get(name).copied(),
             ..stage_record(samples, index, name)
         }
     };

@@ -211,7 +211,7 @@ fn limits(run: &Run) -> Vec<(FigureKey, Estimate)> {
             profile: "".into(),
             cell: LIMITS.into(),
             configuration: "".into(),
-            figure: ceiling.limit.name().into(),
+            figure: ceiling.name().into(),
             unit: ceiling.limit.unit().into(),
             clock: "".into(),
         };

@@ -7,9 +7,10 @@ use std::collections::BTreeMap;
 
 use super::lighting::{LitImage, VisibleScene};
 use super::occlusion::{OcclusionBuffers, RayModel};
-use super::{Pipeline, PipelineInstance, settings, to_map};
+use super::{CountedReads, Pipeline, PipelineInstance, settings, to_map};
 use fathom_gpu::kit::Resources;
 use fathom_gpu::{Gpu, GpuError};
+use fathom_record::ceilings::Reads;
 use fathom_scene::Scene;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::hsao::filter;
@@ -79,15 +80,17 @@ impl PipelineInstance for Hsao {
     }
 
     /// `samples_per_pixel` as taken by the pixels of the occlusion buffer where something was drawn; `covered_share` of its pixels.
-    fn counted_reads(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+    fn counted_reads(&self, gpu: &Gpu) -> Result<Option<CountedReads>, GpuError> {
         let (shared, gbuffer) = (&self.seen.shared, &self.buffers.gbuffer);
         let counts = march::count(gpu, shared, gbuffer, &self.uniforms, self.hard)?;
         let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
         let covered = counts.fragments as f64;
-        Ok(to_map([
+        let quantities = to_map([
             ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
             ("covered_share", covered / pixels),
-        ]))
+        ]);
+        let reads = Reads { texels: counts.samples, volume_texels: 0 };
+        Ok(Some(CountedReads { stage: march::INFO.name, reads, quantities }))
     }
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {

@@ -37,6 +37,7 @@ use fathom_base::parameter::{self, ParamError, ParamField, Setting};
 use fathom_base::text;
 use fathom_gpu::kit::{PipelineParts, Resources};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo, TimedStage};
+use fathom_record::ceilings::Reads;
 use fathom_record::{ErrorFigure, Note, PictureScale, Work};
 use fathom_reference::cache::{AnswerCache, AnswerKey};
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
@@ -151,12 +152,12 @@ pub trait PipelineInstance {
     /// What the GPU reports.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
 
-    /// What the rays of the last frame read, counted by another pass of them.
+    /// What a stage of the last frame has read where that depends on the data, counted by another pass of it.
     ///
     /// # Errors
     /// As [`Self::quantities`].
-    fn counted_reads(&self, _gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        Ok(BTreeMap::new())
+    fn counted_reads(&self, _gpu: &Gpu) -> Result<Option<CountedReads>, GpuError> {
+        Ok(None)
     }
 
     /// [`Self::quantities`] and [`Self::counted_reads`].
@@ -164,7 +165,8 @@ pub trait PipelineInstance {
     /// # Errors
     /// As [`Self::quantities`].
     fn all_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        Ok(self.quantities(gpu)?.into_iter().chain(self.counted_reads(gpu)?).collect())
+        let counted = self.counted_reads(gpu)?.into_iter().flat_map(|counted| counted.quantities);
+        Ok(self.quantities(gpu)?.into_iter().chain(counted).collect())
     }
 
     /// What an analysis of a stage's outputs needs in addition: an object whose keys go into the description of a dump.
@@ -245,6 +247,14 @@ fn judged_view(drawn: &View, scene: &Scene) -> View {
     let Scene { camera, light, water, bounds, .. } = scene;
     let (camera, light, water) = (camera.clone(), light.clone(), water.clone());
     View { camera, light, water, bounds: *bounds, ..drawn.clone() }
+}
+
+/// See [`Pipeline::counted_reads`].
+pub struct CountedReads {
+    pub stage: &'static str,
+    pub reads: Reads,
+    /// The same for people.
+    pub quantities: BTreeMap<String, f64>,
 }
 
 #[derive(Default)]

@@ -1,20 +1,34 @@
 //! What an adapter can do at most, and how near to that a stage comes. `docs/ceilings.md` has the rule.
 
-use schemars::JsonSchema;
-use serde::de::{DeserializeOwned, Error as _};
-use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::Value;
-use strum::EnumIter;
+use std::collections::BTreeMap;
 
-use super::{Clock, Estimate, Interval, StageRecord, Work};
+use itertools::Itertools as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use strum::{EnumIter, EnumString, IntoEnumIterator as _, IntoStaticStr};
+
+use super::{Clock, Estimate, Interval, PassKind, StageRecord, Work};
 
 /// Size of the buffers of a limit on memory: one that caches hold, and one that they do not.
 pub const CACHED_SET_BYTES: u64 = 1 << 20;
 pub const MEMORY_SET_BYTES: u64 = 256 << 20;
 
+/// Colour targets whose fill is measured: those into which the stages of the committed runs draw for most of their time, and the smallest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, EnumIter, EnumString, IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
+pub enum FillFormat {
+    R8Unorm,
+    Rgba8Unorm,
+    R16Float,
+    Rgba16Float,
+    R32Float,
+    Rgba32Float,
+}
+
 /// One thing that an adapter does at a limited rate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumIter)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", from = "String")]
 pub enum Limit {
     /// A compute shader reads a buffer of [`CACHED_SET_BYTES`].
     ReadCached,
@@ -24,103 +38,150 @@ pub enum Limit {
     WriteCached,
     /// A buffer of [`MEMORY_SET_BYTES`] is cleared.
     WriteMemory,
-    /// Fragments of a minimal shader, into a target of 8 bits.
-    FillUnorm8,
-    /// The same, into a target of a 32-bit float.
-    FillFloat32,
+    /// Fragments of a minimal shader, which replace what the target holds.
+    Fill(FillFormat),
     /// Fragments that are added to what the target holds.
-    BlendUnorm8,
-    BlendFloat32,
-    /// Texels loaded from a picture.
-    Loads2d,
+    Blend(FillFormat),
+    /// Texels loaded from a picture in passes of this kind.
+    Loads2d(PassKind),
     /// Texels loaded from a volume.
-    Loads3d,
+    Loads3d(PassKind),
     /// Each invocation adds to a word of its own.
     AtomicAdds,
-    /// Fused multiply-adds of a compute pass.
-    MultiplyAdds,
-    /// Triangles of about a pixel. They face away, so that no fragment is shaded: those that are drawn take longer.
+    /// Fused multiply-adds.
+    MultiplyAdds(PassKind),
+    /// Triangles of about a pixel that face away, so that no fragment is shaded: those that are drawn take longer.
     SmallTriangles,
+    /// Triangles of about a pixel, one fragment each or none.
+    DrawnTriangles,
     /// Compute passes that do next to nothing.
     EmptyPasses,
+    /// One that an earlier version measured.
+    Former(String),
 }
 
 impl Limit {
-    /// Its name and what is counted, for people, and the kind of work that it bounds.
-    fn facts(self) -> (&'static str, &'static str, Option<Bounded>) {
-        match self {
-            Self::ReadCached => ("read, 1 MiB", "B/s", Some(Bounded::Bytes)),
-            Self::ReadMemory => ("read, 256 MiB", "B/s", Some(Bounded::Bytes)),
-            Self::WriteCached => ("clear, 1 MiB", "B/s", Some(Bounded::Bytes)),
-            Self::WriteMemory => ("clear, 256 MiB", "B/s", Some(Bounded::Bytes)),
-            Self::FillUnorm8 => ("opaque fill, r8unorm", "fragments/s", Some(Bounded::Fragments)),
-            Self::FillFloat32 => ("opaque fill, r32float", "fragments/s", Some(Bounded::Fragments)),
-            Self::BlendUnorm8 => ("blended fill, r8unorm", "fragments/s", Some(Bounded::Fragments)),
-            Self::BlendFloat32 => {
-                ("blended fill, r32float", "fragments/s", Some(Bounded::Fragments))
+    /// All that are measured, but for what an adapter cannot do.
+    pub fn all() -> Vec<Self> {
+        let passes = [PassKind::Compute, PassKind::Render];
+        let mut all =
+            vec![Self::ReadCached, Self::ReadMemory, Self::WriteCached, Self::WriteMemory];
+        all.extend([Self::Fill, Self::Blend].iter().flat_map(|of| FillFormat::iter().map(of)));
+        all.extend([Self::Loads2d, Self::Loads3d].iter().flat_map(|of| passes.map(of)));
+        all.push(Self::AtomicAdds);
+        all.extend(passes.map(Self::MultiplyAdds));
+        all.extend([Self::SmallTriangles, Self::DrawnTriangles, Self::EmptyPasses]);
+        all
+    }
+
+    /// Its name in records, its name and what is counted, for people, and the kind of work that it bounds.
+    fn facts(&self) -> (String, String, &'static str, Option<Bounded>) {
+        let (key, name, unit, bounded) = match self {
+            Self::ReadCached => ("read_cached", "read, 1 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::ReadMemory => ("read_memory", "read, 256 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::WriteCached => ("write_cached", "clear, 1 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::WriteMemory => ("write_memory", "clear, 256 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::Fill(_) => ("fill", "opaque fill", "fragments/s", Some(Bounded::Fragments)),
+            Self::Blend(_) => ("blend", "blended fill", "fragments/s", Some(Bounded::Fragments)),
+            Self::Loads2d(_) => ("loads2d", "2-D loads", "texels/s", Some(Bounded::Texels)),
+            Self::Loads3d(_) => ("loads3d", "3-D loads", "texels/s", Some(Bounded::VolumeTexels)),
+            Self::AtomicAdds => ("atomic_adds", "atomic adds, spread", "adds/s", None),
+            Self::MultiplyAdds(_) => ("multiply_adds", "arithmetic", "multiply-adds/s", None),
+            Self::SmallTriangles => {
+                ("small_triangles", "culled triangles", "primitives/s", Some(Bounded::Primitives))
             }
-            Self::Loads2d => ("2-D loads", "texels/s", Some(Bounded::Texels)),
-            Self::Loads3d => ("3-D loads", "texels/s", Some(Bounded::Texels)),
-            Self::AtomicAdds => ("atomic adds, spread", "adds/s", None),
-            Self::MultiplyAdds => ("arithmetic, compute", "multiply-adds/s", None),
-            Self::SmallTriangles => ("culled triangles", "primitives/s", Some(Bounded::Primitives)),
-            Self::EmptyPasses => ("empty passes, compute", "passes/s", None),
-        }
+            Self::DrawnTriangles => ("drawn_triangles", "drawn triangles", "primitives/s", None),
+            Self::EmptyPasses => ("empty_passes", "empty passes, compute", "passes/s", None),
+            Self::Former(name) => (name.as_str(), name.as_str(), "/s", None),
+        };
+        let (of_key, of_name) = match self {
+            Self::Fill(format) | Self::Blend(format) => {
+                let name: &str = format.into();
+                let key = match format {
+                    FillFormat::R8Unorm => "unorm8",
+                    FillFormat::R32Float => "float32",
+                    _ => name,
+                };
+                (format!("_{key}"), format!(", {name}"))
+            }
+            Self::MultiplyAdds(PassKind::Compute) => (String::new(), ", compute".to_owned()),
+            Self::Loads2d(PassKind::Render)
+            | Self::Loads3d(PassKind::Render)
+            | Self::MultiplyAdds(_) => ("_render".to_owned(), ", render".to_owned()),
+            _ => Default::default(),
+        };
+        (format!("{key}{of_key}"), format!("{name}{of_name}"), unit, bounded)
     }
 
     /// For people.
-    pub fn name(self) -> &'static str {
-        self.facts().0
-    }
-
-    /// What is counted, for people.
-    pub fn unit(self) -> &'static str {
+    pub fn name(&self) -> String {
         self.facts().1
     }
 
-    /// Whether no stage does so much work of this kind faster. Bytes count once, so a stage uses as much memory as its amount, and
-    /// caches do not hold what is as large as [`MEMORY_SET_BYTES`].
-    pub fn bounds(self, kind: Bounded, amount: u64) -> bool {
+    /// What is counted, for people.
+    pub fn unit(&self) -> &'static str {
+        self.facts().2
+    }
+
+    /// Whether no stage does so much work of this kind faster, in the passes and targets that the limit speaks of. Bytes count once, so a
+    /// stage uses as much memory as its amount, and caches do not hold what is as large as [`MEMORY_SET_BYTES`].
+    pub fn bounds(&self, kind: Bounded, amount: u64) -> bool {
         let is_cached = matches!(self, Self::ReadCached | Self::WriteCached);
-        self.facts().2 == Some(kind) && (!is_cached || amount < MEMORY_SET_BYTES)
+        let is_of_kind = self.facts().3 == Some(kind)
+            || kind == Bounded::Texels && matches!(self, Self::Loads3d(_));
+        is_of_kind && (!is_cached || amount < MEMORY_SET_BYTES)
     }
 }
 
-/// Reads a run's limits. Those of other names are left out: the committed runs have some.
-pub(super) fn read<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Ceiling>, D::Error> {
-    let all = Vec::<Value>::deserialize(from)?;
-    all.into_iter().filter_map(parse_if_known).collect::<Result<_, _>>().map_err(D::Error::custom)
+impl From<Limit> for String {
+    fn from(limit: Limit) -> Self {
+        limit.facts().0
+    }
 }
 
-/// Reads a stage's share, unless it is of a limit of another name.
-pub(super) fn read_share<'de, D: Deserializer<'de>>(
-    from: D,
-) -> Result<Option<CeilingShare>, D::Error> {
-    let share = Option::<Value>::deserialize(from)?;
-    share.and_then(parse_if_known).transpose().map_err(D::Error::custom)
+impl From<String> for Limit {
+    fn from(key: String) -> Self {
+        let known = Self::all().into_iter().find(|limit| limit.facts().0 == key);
+        known.unwrap_or(Self::Former(key))
+    }
 }
 
-fn parse_if_known<T: DeserializeOwned>(value: Value) -> Option<serde_json::Result<T>> {
-    Limit::deserialize(&value["limit"]).ok()?;
-    Some(serde_json::from_value(value))
+/// What an earlier version told of a limit beside its name, such as a format.
+type FormerFacts = BTreeMap<String, Value>;
+
+/// `fill, additive, r8unorm`
+fn former_name(limit: &Limit, facts: &FormerFacts) -> String {
+    let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    std::iter::once(limit.name()).chain(facts.values().map(text)).join(", ")
 }
 
 /// A measured limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Ceiling {
-    /// Limits of other names are not read.
+    /// Its name.
     #[schemars(with = "String")]
     pub limit: Limit,
     /// Per second, in the limit's [unit](Limit::unit).
     pub rate: Estimate,
     /// Time of twice the work over that of the work: 2 where the adapter does all of it.
     pub doubling: f64,
+    #[serde(flatten)]
+    pub former: FormerFacts,
 }
 
 /// Bounds of a sound ceiling's doubling: fixed costs shorten it, a machine that becomes busy shifts it.
 const SOUND_DOUBLING: std::ops::Range<f64> = 1.7..2.4;
 
 impl Ceiling {
+    pub fn new(limit: Limit, rate: Estimate, doubling: f64) -> Self {
+        Self { limit, rate, doubling, former: FormerFacts::new() }
+    }
+
+    /// For people.
+    pub fn name(&self) -> String {
+        former_name(&self.limit, &self.former)
+    }
+
     /// Twice the work took about twice the time. If not, work was skipped or the machine was too busy, and the rate bounds nothing.
     pub fn is_sound(&self) -> bool {
         SOUND_DOUBLING.contains(&self.doubling) && self.rate.median.is_finite()
@@ -140,11 +201,14 @@ pub enum Bounded {
     Bytes,
     Fragments,
     Texels,
+    /// Of these, those of volumes.
+    VolumeTexels,
     Primitives,
 }
 
 impl Bounded {
-    pub const ALL: [Self; 4] = [Self::Bytes, Self::Fragments, Self::Texels, Self::Primitives];
+    pub const ALL: [Self; 5] =
+        [Self::Bytes, Self::Fragments, Self::Texels, Self::VolumeTexels, Self::Primitives];
 
     /// For people, in the plural.
     pub fn name(self) -> &'static str {
@@ -152,6 +216,7 @@ impl Bounded {
             Self::Bytes => "bytes",
             Self::Fragments => "fragments",
             Self::Texels => "texel fetches",
+            Self::VolumeTexels => "texel fetches of volumes",
             Self::Primitives => "primitives",
         }
     }
@@ -162,6 +227,7 @@ impl Bounded {
             Self::Bytes => work.bytes_read.saturating_add(work.bytes_written),
             Self::Fragments => work.fragments,
             Self::Texels => work.texel_fetches,
+            Self::VolumeTexels => 0,
             Self::Primitives => work.triangles.saturating_add(work.primitives),
         }
     }
@@ -171,7 +237,7 @@ impl Bounded {
         match self {
             Self::Fragments => Some("fragment_invocations"),
             Self::Primitives => Some("clipper_invocations"),
-            Self::Bytes | Self::Texels => None,
+            Self::Bytes | Self::Texels | Self::VolumeTexels => None,
         }
     }
 }
@@ -200,9 +266,16 @@ pub struct CeilingShare {
     pub share: f64,
     #[serde(flatten)]
     pub interval: Option<Interval>,
+    #[serde(flatten)]
+    pub former: FormerFacts,
 }
 
 impl CeilingShare {
+    /// The limit's, for people.
+    pub fn limit_name(&self) -> String {
+        former_name(&self.limit, &self.former)
+    }
+
     /// More than the ceiling, beyond the interval: the amount of work or a time is wrong.
     pub fn is_impossible(&self) -> bool {
         self.interval.is_some_and(|interval| interval.low > 1.0)
@@ -213,9 +286,18 @@ impl StageRecord {
     /// How much work of this kind the stage did at least in a frame: as the adapter counted, where it counts the stage's work; else as
     /// declared. None where that is nothing.
     pub fn min_work_of(&self, kind: Bounded) -> Option<(u64, Basis)> {
-        let (amount, basis) = match kind.counter().filter(|_| !self.counters.is_empty()) {
-            Some(name) => (self.counters.get(name).copied().unwrap_or(0), Basis::Counted),
-            None => (kind.amount(self.least_work.as_ref().unwrap_or(&self.work)), Basis::Declared),
+        let counted = match (kind, self.reads) {
+            (Bounded::Texels, Some(reads)) => Some(reads.texels + reads.volume_texels),
+            (Bounded::VolumeTexels, Some(reads)) => Some(reads.volume_texels),
+            _ => kind
+                .counter()
+                .filter(|_| !self.counters.is_empty())
+                .map(|name| self.counters.get(name).copied().unwrap_or(0)),
+        };
+        let declared = || kind.amount(self.least_work.as_ref().unwrap_or(&self.work));
+        let (amount, basis) = match counted {
+            Some(amount) => (amount, Basis::Counted),
+            None => (declared(), Basis::Declared),
         };
         (amount > 0).then_some((amount, basis))
     }
@@ -228,11 +310,88 @@ impl StageRecord {
         }
         let shares = Bounded::ALL.iter().filter_map(|kind| {
             let (amount, basis) = self.min_work_of(*kind)?;
-            let ceiling = binding(ceilings, *kind, amount)?;
+            let ceiling = self.binding(ceilings, *kind, amount)?;
             Some(share(self, ceiling, *kind, amount, basis))
         });
         shares.max_by(|a, b| a.share.total_cmp(&b.share))
     }
+
+    /// The highest sound rate of all limits that bound so much work of this kind in its passes and targets: each of them shows that the adapter
+    /// can do as much. None where a limit that is not sound may be higher: the adapter's limit is then unknown.
+    fn binding<'c>(
+        &self,
+        ceilings: &'c [Ceiling],
+        kind: Bounded,
+        amount: u64,
+    ) -> Option<&'c Ceiling> {
+        let of_kind = || ceilings.iter().filter(|ceiling| ceiling.limit.bounds(kind, amount));
+        let own = self.limits(kind);
+        let is_measured = |limit: &Limit| of_kind().any(|ceiling| ceiling.limit == *limit);
+        // What it does may be faster than all that was measured, where that is not all that it does.
+        let is_own = !own.is_empty() && own.iter().all(is_measured);
+        let bounding = of_kind().filter(|ceiling| !is_own || own.contains(&ceiling.limit));
+        let (sound, unsound): (Vec<_>, Vec<_>) = bounding.partition(|ceiling| ceiling.is_sound());
+        let highest = sound.into_iter().max_by(|a, b| a.rate.median.total_cmp(&b.rate.median))?;
+        let higher = |other: &&Ceiling| other.rate.ends()[1] > highest.rate.median;
+        (!unsound.iter().any(higher)).then_some(highest)
+    }
+
+    /// Those of its passes and targets; none where all of a kind of work are alike, or where the record does not tell.
+    fn limits(&self, kind: Bounded) -> Vec<Limit> {
+        let shading = self.passes.iter().filter(|pass| **pass != PassKind::Copy).copied();
+        let volumes = shading.clone().map(Limit::Loads3d);
+        match kind {
+            Bounded::Fragments => self.targets.iter().map(TargetRecord::limit).collect(),
+            Bounded::Texels => shading.map(Limit::Loads2d).chain(volumes).collect(),
+            Bounded::VolumeTexels => volumes.collect(),
+            Bounded::Bytes | Bounded::Primitives => Vec::new(),
+        }
+    }
+}
+
+/// A colour target of a stage's passes.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+pub struct TargetRecord {
+    /// As WebGPU names it.
+    pub format: String,
+    pub drawing: Drawing,
+}
+
+/// What becomes of the value that a fragment shader gives.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Drawing {
+    /// It replaces what the target holds.
+    #[default]
+    Opaque,
+    /// It is added to that.
+    Blended,
+    /// It is not written.
+    Unwritten,
+}
+
+impl TargetRecord {
+    /// The limit of what is drawn into it; one that is not measured where that is unknown.
+    fn limit(&self) -> Limit {
+        match (self.drawing, self.format.parse()) {
+            (Drawing::Opaque, Ok(format)) => Limit::Fill(format),
+            (Drawing::Blended, Ok(format)) => Limit::Blend(format),
+            (Drawing::Unwritten, _) | (_, Err(_)) => Limit::Former(self.format.clone()),
+        }
+    }
+}
+
+/// Texels that a stage's shaders have read in a frame, counted by them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Reads {
+    /// Of pictures.
+    #[serde(default)]
+    pub texels: u64,
+    /// Of volumes.
+    #[serde(default)]
+    pub volume_texels: u64,
 }
 
 fn share(
@@ -247,17 +406,8 @@ fn share(
     let interval =
         both.map(|(ns, rate)| Interval { low: of(ns.high, rate.high), high: of(ns.low, rate.low) });
     let share = of(stage.time.median, ceiling.rate.median);
-    CeilingShare { limit: ceiling.limit, work, basis, amount, share, interval }
-}
-
-/// The highest sound rate of all limits that bound so much work of this kind: each of them shows that the adapter can do as much. None
-/// where a limit that is not sound may be higher: the adapter's limit is then unknown.
-pub fn binding(ceilings: &[Ceiling], kind: Bounded, amount: u64) -> Option<&Ceiling> {
-    let bounding = ceilings.iter().filter(|ceiling| ceiling.limit.bounds(kind, amount));
-    let (sound, unsound): (Vec<_>, Vec<_>) = bounding.partition(|ceiling| ceiling.is_sound());
-    let highest = sound.into_iter().max_by(|a, b| a.rate.median.total_cmp(&b.rate.median))?;
-    let higher = |other: &&Ceiling| other.rate.ends()[1] > highest.rate.median;
-    (!unsound.iter().any(higher)).then_some(highest)
+    let limit = ceiling.limit.clone();
+    CeilingShare { limit, work, basis, amount, share, interval, former: FormerFacts::new() }
 }
 
 #[cfg(test)]
@@ -266,7 +416,7 @@ mod tests {
 
     fn ceiling(limit: Limit, rate: f64) -> Ceiling {
         let interval = Some(Interval { low: 0.9 * rate, high: 1.1 * rate });
-        Ceiling { limit, rate: Estimate { median: rate, interval, n: 8 }, doubling: 2.0 }
+        Ceiling::new(limit, Estimate { median: rate, interval, n: 8 }, 2.0)
     }
 
     fn memory() -> Vec<Ceiling> {
@@ -285,14 +435,15 @@ mod tests {
 
     #[test]
     fn the_highest_rate_binds_unless_one_that_is_not_sound_may_be_higher() {
+        let stage = stage(Work::default());
         let bound = |ceilings: &[Ceiling], amount| {
-            binding(ceilings, Bounded::Bytes, amount).map(|ceiling| ceiling.limit)
+            stage.binding(ceilings, Bounded::Bytes, amount).map(|ceiling| ceiling.limit.clone())
         };
         let mut ceilings = memory();
         assert_eq!(bound(&ceilings, 100), Some(Limit::ReadCached));
         assert_eq!(bound(&ceilings, MEMORY_SET_BYTES - 1), Some(Limit::ReadCached));
         assert_eq!(bound(&ceilings, MEMORY_SET_BYTES), Some(Limit::WriteMemory));
-        assert_eq!(binding(&ceilings, Bounded::Texels, 1), None);
+        assert_eq!(stage.binding(&ceilings, Bounded::Texels, 1), None);
         ceilings[1].doubling = 1.0;
         assert_eq!(bound(&ceilings, MEMORY_SET_BYTES), Some(Limit::WriteMemory), "it is slower");
         ceilings[0].doubling = 1.0;
@@ -307,7 +458,8 @@ mod tests {
     #[test]
     fn a_share_is_of_the_tightest_ceiling_and_of_work_that_was_done() {
         let mut ceilings = memory();
-        ceilings.extend([ceiling(Limit::Loads2d, 1e9), ceiling(Limit::FillUnorm8, 1e9)]);
+        let loads = Limit::Loads2d(PassKind::Compute);
+        ceilings.extend([ceiling(loads, 1e9), ceiling(Limit::Fill(FillFormat::R8Unorm), 1e9)]);
         let mut stage = stage(Work { texel_fetches: 500, bytes_written: 1000, ..Work::default() });
         let found = |stage: &StageRecord| {
             let share = stage.share_of(&ceilings)?;
@@ -335,24 +487,73 @@ mod tests {
     fn more_than_the_ceiling_counts_beyond_the_interval_only() {
         let of = |texel_fetches| {
             let stage = stage(Work { texel_fetches, ..Work::default() });
-            stage.share_of(&[ceiling(Limit::Loads2d, 1e9)]).unwrap()
+            stage.share_of(&[ceiling(Limit::Loads2d(PassKind::Compute), 1e9)]).unwrap()
         };
         assert!(of(1150).share > 1.0 && !of(1150).is_impossible());
         assert!(of(1300).is_impossible());
     }
 
     #[test]
-    fn limits_of_other_names_are_left_out_and_a_broken_one_is_an_error() {
-        let rate = r#""median":1.5,"n":7"#;
-        let read = |ceilings: &str| {
-            read(&mut serde_json::Deserializer::from_str(ceilings)).map(|found| found.len())
-        };
+    fn a_limit_of_an_earlier_version_keeps_its_name_and_what_it_was_told_by() {
+        let old = r#"{"limit":"fill","format":"r8unorm","blending":"additive","work":"fragments","basis":"counted","amount":5,
+            "share":0.5,"low":0.4,"high":0.6}"#;
+        let share: CeilingShare = serde_json::from_str(old).unwrap();
+        assert_eq!(share.limit_name(), "fill, additive, r8unorm");
+        assert_eq!(share.interval, Some(Interval { low: 0.4, high: 0.6 }));
+        let again = serde_json::to_value(&share).unwrap();
+        assert_eq!(again, serde_json::from_str::<Value>(old).unwrap());
         let old =
-            format!(r#"{{"limit":"copy","working_set_bytes":1,"rate":{{{rate}}},"doubling":2}}"#);
-        let new = format!(r#"{{"limit":"loads2d","rate":{{{rate}}},"doubling":2}}"#);
-        assert_eq!(read(&format!("[{old},{new},{old}]")).unwrap(), 1);
-        assert!(read(r#"[{"limit":"loads2d"}]"#).is_err());
-        let share = r#"{"limit":"load2d","format":"r8unorm","work":"texels","share":1}"#;
-        assert_eq!(read_share(&mut serde_json::Deserializer::from_str(share)).unwrap(), None);
+            r#"{"limit":"copy","working_set_bytes":1,"rate":{"median":1.5,"n":7},"doubling":2}"#;
+        let ceiling: Ceiling = serde_json::from_str(old).unwrap();
+        assert_eq!(ceiling.name(), "copy, 1");
+        assert!(Bounded::ALL.iter().all(|kind| !ceiling.limit.bounds(*kind, 1)));
+    }
+
+    #[test]
+    fn limits_are_told_apart_by_their_keys_and_names() {
+        let all = Limit::all();
+        assert!(all.iter().map(Limit::name).all_unique());
+        for limit in &all {
+            assert_eq!(Limit::from(String::from(limit.clone())), *limit);
+        }
+        // Records of before have these.
+        for key in ["fill_unorm8", "blend_float32", "loads2d", "loads3d", "multiply_adds"] {
+            assert!(all.contains(&Limit::from(key.to_owned())), "{key}");
+        }
+    }
+
+    #[test]
+    fn a_stage_is_bound_by_its_own_passes_and_targets_where_all_were_measured() {
+        let [compute, render] = [PassKind::Compute, PassKind::Render].map(Limit::Loads2d);
+        let ceilings = [
+            ceiling(compute, 10e9),
+            ceiling(render, 1e9),
+            ceiling(Limit::Loads3d(PassKind::Render), 0.5e9),
+            ceiling(Limit::Fill(FillFormat::R8Unorm), 9e9),
+            ceiling(Limit::Blend(FillFormat::R32Float), 2e9),
+        ];
+        let target = |format: &str, drawing| TargetRecord { format: format.to_owned(), drawing };
+        let mut stage = stage(Work { texel_fetches: 100, ..Work::default() });
+        let share = |stage: &StageRecord| {
+            let share = stage.share_of(&ceilings).unwrap();
+            (share.work, (share.share * 1e3).round())
+        };
+        assert_eq!(share(&stage), (Bounded::Texels, 10.0), "nobody tells its passes");
+        stage.passes = vec![PassKind::Render];
+        assert_eq!(share(&stage), (Bounded::Texels, 100.0));
+        stage.passes.push(PassKind::Compute);
+        assert_eq!(share(&stage), (Bounded::Texels, 10.0), "the faster of both");
+        stage.passes.pop();
+        stage.reads = Some(Reads { texels: 20, volume_texels: 300 });
+        assert_eq!(share(&stage), (Bounded::VolumeTexels, 600.0));
+        stage =
+            StageRecord { reads: None, work: Work { fragments: 900, ..Work::default() }, ..stage };
+        stage.targets = vec![target("r32float", Drawing::Blended)];
+        assert_eq!(share(&stage), (Bounded::Fragments, 450.0));
+        for other in [target("rg32float", Drawing::Opaque), target("r8unorm", Drawing::Unwritten)] {
+            stage.targets.push(other);
+            assert_eq!(share(&stage), (Bounded::Fragments, 100.0), "one is not measured");
+            stage.targets.pop();
+        }
     }
 }

@@ -116,7 +116,7 @@ pub struct Run {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loop_turns: Option<LoopTurns>,
     /// The adapter's limits, measured after the audit. Absent where they were not measured.
-    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "ceilings::read")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ceilings: Vec<Ceiling>,
     /// The part of a run that this is; absent where it is the whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{CeilingShare, Clock, Estimate, ceilings};
+use super::ceilings::{CeilingShare, Reads, TargetRecord};
+use super::{Clock, Estimate, PassKind};
 use fathom_base::visits;
 
 /// A stage's times and work in one cell.
@@ -29,12 +30,17 @@ pub struct StageRecord {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub counters: BTreeMap<String, u64>,
     /// How near it comes to the adapter's limits.
-    #[serde(
-        default,
-        skip_serializing_if = "Option::is_none",
-        deserialize_with = "ceilings::read_share"
-    )]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ceiling: Option<CeilingShare>,
+    /// Kinds of its passes. Absent in records of before.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub passes: Vec<PassKind>,
+    /// What these draw into.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub targets: Vec<TargetRecord>,
+    /// Where they are counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reads: Option<Reads>,
 }
 
 impl StageRecord {
@@ -55,6 +61,9 @@ impl StageRecord {
             least_work: None,
             counters: BTreeMap::new(),
             ceiling: None,
+            passes: Vec::new(),
+            targets: Vec::new(),
+            reads: None,
         }
     }
 

@@ -34,15 +34,16 @@ pub fn bounds<'a>(view: &Report<'a>) -> Vec<BoundStage<'a>> {
 pub mod tests {
     use fathom_experiments::fixtures;
     use fathom_record::ceilings::{Ceiling, Limit};
-    use fathom_record::{Estimate, Record};
+    use fathom_record::{Estimate, PassKind, Record};
 
     fn ceiling(limit: Limit, rate: f64) -> Ceiling {
-        Ceiling { limit, rate: Estimate { median: rate, ..Estimate::default() }, doubling: 2.0 }
+        Ceiling::new(limit, Estimate { median: rate, ..Estimate::default() }, 2.0)
     }
 
     /// A run whose adapter has two limits, all of whose stages fetch 1,000 texels and write 4,000 bytes, but one that does no such work.
     pub fn run() -> Vec<Record> {
-        let limits = vec![ceiling(Limit::Loads2d, 1e9), ceiling(Limit::WriteCached, 8e9)];
+        let limits =
+            vec![ceiling(Limit::Loads2d(PassKind::Compute), 1e9), ceiling(Limit::WriteCached, 8e9)];
         let mut records = fixtures::run();
         for record in &mut records {
             match record {

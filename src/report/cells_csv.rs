@@ -10,8 +10,8 @@ use fathom_base::statistics::{mean, median, quantile};
 use fathom_base::text;
 use fathom_experiments::label_text;
 use fathom_record::{
-    ErrorFigure, Estimate, Fenced, Interval, Measured, Outcome, Run, StageRecord, Throttling, Work,
-    machine,
+    CeilingShare, ErrorFigure, Estimate, Fenced, Interval, Measured, Outcome, Run, StageRecord,
+    Throttling, Work, machine,
 };
 
 pub const EXPORTER: RunExporter = Exporter {
@@ -56,7 +56,7 @@ const STAGE_COLUMNS: [(&str, StageField); 13] = [
     ("samples", |stage| stage.samples_ns.len().to_string()),
     ("submit_cost_median_ns", |stage| fenced(stage, |of| median(&of.submit_cost_samples_ns))),
     ("resolution_ns", |stage| fenced(stage, |of| of.resolution_ns)),
-    ("limit", |stage| stage.ceiling.as_ref().map_or("", |of| of.limit.name()).to_owned()),
+    ("limit", |stage| stage.ceiling.as_ref().map(CeilingShare::limit_name).unwrap_or_default()),
     ("limit_share", |stage| optional(stage.ceiling.as_ref().map(|of| of.share))),
 ];
 

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3, UVec2};
 use super::{Result, VerifyError};
 use fathom_gpu::kit::{self, Resources};
 use fathom_gpu::{
-    ColorTarget, DepthTarget, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
+    ColorTarget, DepthTarget, Drawing, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
     read_texture,
 };
 use fathom_pipelines::{BuiltPipeline, PipelineInstance, caustics_image};
@@ -195,7 +195,12 @@ impl<'g> Rig<'g> {
         color: wgpu::Color,
     ) -> Result<wgpu::Texture, GpuError> {
         let texture = self.target("verify constant", size, format);
-        let color = ColorTarget { view: &kit::view(&texture), clear: Some(color), slice: None };
+        let color = ColorTarget {
+            view: &kit::view(&texture),
+            clear: Some(color),
+            slice: None,
+            drawing: Drawing::Opaque,
+        };
         self.run(&[&ClearedTargets(Targets { color: &[color], depth: None })])?;
         Ok(texture)
     }

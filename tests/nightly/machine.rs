@@ -24,7 +24,7 @@ fn what_breaks_its_law_is_named_and_makes_the_status() {
     let bounds = |kind| move |ceiling: &Ceiling| ceiling.limit.bounds(kind, 1);
     assert!(Bounded::ALL.into_iter().all(|kind| ceilings.iter().any(bounds(kind))));
     let broken = ceilings.iter().filter(|ceiling| !DOUBLING.contains(&ceiling.doubling));
-    let expected: Vec<&str> = broken.map(|ceiling| ceiling.limit.name()).collect();
+    let expected: Vec<String> = broken.map(|ceiling| ceiling.limit.name()).collect();
     let unsound: Vec<String> = serde_json::from_value(answer["unsound"].clone()).unwrap();
     assert_eq!(unsound, expected);
     assert_eq!(output.status.code(), Some(i32::from(!unsound.is_empty())));

@@ -10,7 +10,9 @@ use fathom_clock::record::PassKind;
 use fathom_clock::record::protocol::{
     GateConfiguration, Greeting, PROTOCOL, Reply, StageKind, WorkerRequest, serve,
 };
-use fathom_clock::{ClockPlan, ColorTarget, Device, StageClock, StageScope, Targets, TimedStage};
+use fathom_clock::{
+    ClockPlan, ColorTarget, Device, Drawing, StageClock, StageScope, Targets, TimedStage,
+};
 use passes::Passes;
 
 const STAGES: [(&str, PassKind); 3] =
@@ -33,7 +35,7 @@ impl TimedStage for PassStage<'_> {
             "blur" => scope.compute(|pass| self.passes.blur(pass)),
             _ => {
                 let (view, clear) = (&self.passes.picture, Some(wgpu::Color::BLACK));
-                let color = [ColorTarget { view, clear, slice: None }];
+                let color = [ColorTarget { view, clear, slice: None, drawing: Drawing::Opaque }];
                 let targets = Targets { color: &color, depth: None };
                 scope.render(&targets, |pass| self.passes.shade(pass));
             }

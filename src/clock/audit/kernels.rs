@@ -3,6 +3,7 @@
 use crate::frame::{ColorTarget, StageScope, Targets};
 use crate::{Device, DeviceError, TimedStage};
 use fathom_record::PassKind;
+use fathom_record::ceilings::Drawing;
 
 /// Edge of the render kernel's target in pixels, and invocations of the compute kernel.
 const TARGET_EDGE: u32 = 256;
@@ -158,6 +159,7 @@ impl TimedStage for Kernel<'_> {
                     view: &self.kernels.target,
                     clear: Some(wgpu::Color::BLACK),
                     slice: None,
+                    drawing: Drawing::Opaque,
                 }];
                 scope.render(&Targets { color: &color, depth: None }, |pass| {
                     pass.set_pipeline(&self.kernels.render);

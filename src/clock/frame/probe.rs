@@ -5,6 +5,7 @@ use super::targets::{ColorTarget, Targets, open};
 use crate::audit::kernels::{GROUP_SIZE, compute_pipeline, module, target};
 use crate::{Device, DeviceError};
 use fathom_record::PassKind;
+use fathom_record::ceilings::Drawing;
 
 /// The smallest compute pass is one workgroup.
 const RESULT_BYTES: u64 = GROUP_SIZE as u64 * 4;
@@ -65,7 +66,12 @@ impl Probe {
             }
             PassKind::Render => {
                 let clear = Some(wgpu::Color::BLACK);
-                let color = [ColorTarget { view: &self.target, clear, slice: None }];
+                let color = [ColorTarget {
+                    view: &self.target,
+                    clear,
+                    slice: None,
+                    drawing: Drawing::Opaque,
+                }];
                 drop(open(&mut encoder, "probe", &Targets { color: &color, depth: None }, None));
             }
             PassKind::Copy => {

@@ -4,6 +4,7 @@ use super::host_clock::{HostClock, process_ns, thread_ns};
 use super::meter::SubmissionMeter;
 use super::targets::{Targets, open};
 use crate::{Device, DeviceError, TimedStage};
+use fathom_record::ceilings::TargetRecord;
 use fathom_record::{ClockPlan, PassKind};
 use std::ops::Range;
 
@@ -27,8 +28,8 @@ pub(crate) enum FrameMode<'a> {
     Timed { plan: &'a ClockPlan, sets: &'a [wgpu::QuerySet], max_passes: u32 },
     /// All in one command buffer, nothing is timed.
     Untimed,
-    /// All in one command buffer, with a pipeline statistics query around each compute and render pass.
-    Counted { set: &'a wgpu::QuerySet, max_passes: u32 },
+    /// All in one command buffer, with a pipeline statistics query around each compute and render pass, where the adapter has them.
+    Counted { set: Option<&'a wgpu::QuerySet>, max_passes: u32 },
 }
 
 impl FrameMode<'_> {
@@ -40,9 +41,11 @@ impl FrameMode<'_> {
 
 pub(crate) struct EncodedPass {
     pub(crate) stage: usize,
-    pub(super) kind: PassKind,
+    pub(crate) kind: PassKind,
     /// The number of its pair of timestamps, or of its statistics.
     pub(crate) query: Option<u32>,
+    /// What it draws into, where passes are counted.
+    pub(crate) targets: Vec<TargetRecord>,
 }
 
 /// One command buffer of an encoded frame, and which of the frame's passes it holds.
@@ -135,14 +138,14 @@ impl Recorder {
         kind: PassKind,
     ) -> Option<Query<'q>> {
         let number = self.take_query(mode, kind);
-        self.passes.push(EncodedPass { stage, kind, query: number });
-        number.map(|number| match mode {
+        self.passes.push(EncodedPass { stage, kind, query: number, targets: Vec::new() });
+        number.and_then(|number| match mode {
             FrameMode::Timed { sets, .. } => {
                 let index = number * QUERIES_PER_PASS;
                 let set = &sets[(index / QUERIES_PER_SET) as usize];
-                Query { set, first: index % QUERIES_PER_SET }
+                Some(Query { set, first: index % QUERIES_PER_SET })
             }
-            FrameMode::Counted { set, .. } => Query { set, first: number },
+            FrameMode::Counted { set, .. } => set.map(|set| Query { set, first: number }),
             FrameMode::Untimed => unreachable!("an untimed pass takes no query"),
         })
     }
@@ -151,7 +154,7 @@ impl Recorder {
     fn take_query(&mut self, mode: FrameMode<'_>, kind: PassKind) -> Option<u32> {
         let max_passes = match mode {
             FrameMode::Timed { max_passes, .. } if !mode.fences(kind) => max_passes,
-            FrameMode::Counted { max_passes, .. } if kind != PassKind::Copy => max_passes,
+            FrameMode::Counted { set: Some(_), max_passes } if kind != PassKind::Copy => max_passes,
             _ => return None,
         };
         if self.queries >= max_passes {
@@ -370,6 +373,8 @@ impl<'a> StageScope<'a> {
                 }
             }
             self.end(PassKind::Render);
+            let pass = self.recorder.passes.last_mut().filter(|_| counted);
+            pass.into_iter().for_each(|pass| pass.targets = series[0].records());
         }
     }
 

@@ -1,5 +1,7 @@
 //! What a render pass draws to.
 
+use fathom_record::ceilings::{Drawing, TargetRecord};
+
 /// WebGPU's largest number of colour targets.
 const MAX_COLOR_TARGETS: usize = 8;
 
@@ -11,6 +13,16 @@ pub struct Targets<'a> {
     pub depth: Option<DepthTarget<'a>>,
 }
 
+impl Targets<'_> {
+    pub(super) fn records(&self) -> Vec<TargetRecord> {
+        let record = |target: &ColorTarget<'_>| {
+            let format = format!("{:?}", target.view.texture().format()).to_lowercase();
+            TargetRecord { format, drawing: target.drawing }
+        };
+        self.color.iter().map(record).collect()
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 pub struct ColorTarget<'a> {
     pub view: &'a wgpu::TextureView,
@@ -18,6 +30,8 @@ pub struct ColorTarget<'a> {
     pub clear: Option<wgpu::Color>,
     /// Slice of a volume texture; none for a two-dimensional one.
     pub slice: Option<u32>,
+    /// What the pipelines that draw into it do. It is told in records alone.
+    pub drawing: Drawing,
 }
 
 #[derive(Clone, Copy, Debug)]

@@ -4,6 +4,8 @@ use super::kernel::{BenchKernel, KernelOutput, KernelWork, MAX_TURNS, READ_BYTES
 use crate::kit::{Bindings, Code, Dispatch, Resources};
 use crate::{Gpu, GpuError, MAX_ITERATIONS, StageScope};
 use fathom_record::PassKind;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg32;
 
 const GROUP_SIZE: u32 = 64;
 /// Invocations of a compute pass: enough to hide latencies.
@@ -13,8 +15,6 @@ const GPU_INVOCATIONS: u32 = 1 << 20;
 pub(super) const OPERATIONS: u32 = 8;
 /// Multiply-adds of an invocation in a turn. Their sum is exact in 32-bit floats for as many turns as there may be.
 pub(super) const CHAINED: u32 = 64;
-/// Four words each that add up to 1, over and over in a buffer that is read.
-const BLOCK_READS: u32 = 1 << 10;
 /// Edge of the textures in texels, as in the shader: small enough for the first caches.
 pub(super) const EDGE: u32 = 64;
 
@@ -72,9 +72,15 @@ pub(super) fn compute(gpu: &Gpu, code: KernelCode<'_>) -> Result<BenchKernel, Gp
 }
 
 pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<BenchKernel, GpuError> {
-    let reads = (0..BLOCK_READS).flat_map(|i| [i, !i, 2, 0]);
-    let block: Vec<u8> = reads.flat_map(u32::to_le_bytes).collect();
-    let content = || block.repeat(bytes as usize / block.len());
+    // At random, as a GPU that compresses its memory reads what repeats faster. Four words each add up to 1.
+    let content = || {
+        let mut random = Pcg32::seed_from_u64(1);
+        let words = move |_| {
+            let [a, b, c]: [u32; 3] = random.random();
+            [a, b, c, 1u32.wrapping_sub(a.wrapping_add(b).wrapping_add(c))]
+        };
+        (0..bytes / READ_BYTES).flat_map(words).flat_map(u32::to_le_bytes).collect()
+    };
     let resources = Resources::new(gpu);
     let data = resources.filled_by("ceiling", bytes, wgpu::BufferUsages::STORAGE, content);
     // As in the shader: a workgroup's piece, and a workgroup's invocations beside one another.
@@ -86,12 +92,8 @@ pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<BenchKernel, GpuError> {
     compute(gpu, KernelCode { reads, inner_loops: u64::from(code.result) + 1, ..code })
 }
 
-/// Loads from a texture of so many slices, bound as this group.
-pub(super) fn load(
-    gpu: &Gpu,
-    entry: &str,
-    (group, slices): (usize, u32),
-) -> Result<BenchKernel, GpuError> {
+/// The textures of loads of this many slices, behind the groups before theirs.
+pub(super) fn texels(gpu: &Gpu, slices: u32) -> Vec<Bindings> {
     // The fastest: lavapipe has code of its own for four bytes.
     let (format, channels) = if gpu.adapter.software {
         (wgpu::TextureFormat::Rgba8Unorm, 4)
@@ -104,13 +106,15 @@ pub(super) fn load(
     let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
     let resources = Resources::new(gpu);
     let texture = resources.texture("ceiling", (dimension, size), format, usage, 1);
-    let rows = (0..slices).flat_map(|z| (0..EDGE).map(move |y| y + z));
-    let values = rows.flat_map(|row| (0..EDGE).map(move |x| 255 * ((x + row) % 2) as u8));
+    // A row repeats eight texels, of which each pair has a 1 at a random one of its places.
+    let mut random = Pcg32::seed_from_u64(1);
+    let rows: Vec<u32> = (0..slices * EDGE).map(|_| random.random()).collect();
+    let value = |row: u32, x: u32| 255 * ((row >> (x % 8 / 2) ^ x) % 2) as u8;
+    let values = rows.into_iter().flat_map(|row| (0..EDGE).map(move |x| value(row, x)));
     let bytes: Vec<u8> = values.flat_map(|value| vec![value; channels]).collect();
     resources.write_level(&texture, 0, &bytes);
-    let mut reads = vec![Bindings::new(&[]); group];
-    reads[group - 1] = Bindings::new(&[&texture]);
-    compute(gpu, KernelCode { reads, ..KernelCode::new(entry, OPERATIONS, OPERATIONS / 2) })
+    let before = vec![Bindings::new(&[]); if flat { 1 } else { 2 }];
+    before.into_iter().chain([Bindings::new(&[&texture])]).collect()
 }
 
 pub(super) fn clear(gpu: &Gpu, bytes: u64) -> BenchKernel {

@@ -18,8 +18,8 @@ pub use waker::Waker;
 use self::kernel::{BenchKernel, KernelRun};
 use super::{ClockPlan, FrameTimer, Gpu, GpuError};
 use fathom_base::statistics::{estimate, median};
-use fathom_record::ceilings::{CACHED_SET_BYTES, Ceiling, Limit, MEMORY_SET_BYTES};
-use strum::IntoEnumIterator as _;
+use fathom_record::PassKind;
+use fathom_record::ceilings::{CACHED_SET_BYTES, Ceiling, FillFormat, Limit, MEMORY_SET_BYTES};
 
 /// Length of a pass with N work: on a software adapter, and on a GPU. Long beside the jitter of a submission.
 const SOFTWARE_PASS_NS: f64 = 3e6;
@@ -43,10 +43,12 @@ pub fn limits(gpu: &Gpu) -> Vec<Limit> {
             !gpu.adapter.software && gpu.limits.max_storage_buffer_binding_size >= MEMORY_SET_BYTES
         }
         Limit::WriteMemory => gpu.limits.max_buffer_size >= MEMORY_SET_BYTES,
-        Limit::BlendFloat32 => gpu.features.contains(wgpu::Features::FLOAT32_BLENDABLE),
+        Limit::Blend(FillFormat::R32Float | FillFormat::Rgba32Float) => {
+            gpu.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
+        }
         _ => true,
     };
-    Limit::iter().filter(can).collect()
+    Limit::all().into_iter().filter(can).collect()
 }
 
 /// Measures all of an adapter's [limits]. Takes some seconds on a software adapter.
@@ -67,39 +69,59 @@ pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
 /// # Errors
 /// As of [`ceilings`].
 pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuError> {
-    let kernel = kernel_of(gpu, limit)?;
+    let kernel = kernel_of(gpu, &limit)?;
     let mut bench = TestBench::new(gpu, plan, &kernel)?;
     let max = kernel.max_iterations / 2;
     let iterations = bench.calibrate(max)?;
     let (iterations, ceiling) =
-        retry_until_sound(iterations, max, |iterations| bench.ceiling(limit, iterations))?;
+        retry_until_sound(iterations, max, |iterations| bench.ceiling(&limit, iterations))?;
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
     kernel.check(gpu, 2 * iterations)?.map_err(wrong)?;
     Ok(ceiling)
 }
 
 /// The kernel of a limit.
-fn kernel_of(gpu: &Gpu, limit: Limit) -> Result<BenchKernel, GpuError> {
-    use compute::{CHAINED, EDGE, KernelCode, OPERATIONS, clear, compute, load, read};
-    use wgpu::TextureFormat::{R8Unorm, R32Float};
+fn kernel_of(gpu: &Gpu, limit: &Limit) -> Result<BenchKernel, GpuError> {
+    use PassKind::{Compute, Render};
+    use compute::{CHAINED, EDGE, KernelCode, OPERATIONS, clear, compute, read, texels};
+    const LOADED: (u32, u32) = (OPERATIONS, OPERATIONS / 2);
+    let run = |entry, (work, result), reads| {
+        compute(gpu, KernelCode { reads, ..KernelCode::new(entry, work, result) })
+    };
     gpu.catch(|| match limit {
         Limit::ReadCached => read(gpu, CACHED_SET_BYTES),
         Limit::ReadMemory => read(gpu, MEMORY_SET_BYTES),
         Limit::WriteCached => Ok(clear(gpu, CACHED_SET_BYTES)),
         Limit::WriteMemory => Ok(clear(gpu, MEMORY_SET_BYTES)),
-        Limit::FillUnorm8 => raster::fill(gpu, R8Unorm, false),
-        Limit::FillFloat32 => raster::fill(gpu, R32Float, false),
-        Limit::BlendUnorm8 => raster::fill(gpu, R8Unorm, true),
-        Limit::BlendFloat32 => raster::fill(gpu, R32Float, true),
-        Limit::SmallTriangles => raster::small_triangles(gpu),
-        Limit::Loads2d => load(gpu, "load_2d", (2, 1)),
-        Limit::Loads3d => load(gpu, "load_3d", (3, EDGE)),
-        Limit::AtomicAdds => compute(gpu, KernelCode::new("add", OPERATIONS, OPERATIONS)),
-        Limit::MultiplyAdds => compute(gpu, KernelCode::new("multiply_add", CHAINED, CHAINED)),
+        Limit::Fill(format) => raster::fill(gpu, texture_format(*format), false),
+        Limit::Blend(format) => raster::fill(gpu, texture_format(*format), true),
+        Limit::SmallTriangles => raster::small_triangles(gpu, false),
+        Limit::DrawnTriangles => raster::small_triangles(gpu, true),
+        Limit::Loads2d(Compute) => run("load_2d", LOADED, texels(gpu, 1)),
+        Limit::Loads3d(Compute) => run("load_3d", LOADED, texels(gpu, EDGE)),
+        Limit::MultiplyAdds(Compute) => run("multiply_add", (CHAINED, CHAINED), vec![]),
+        Limit::Loads2d(Render) => raster::shade(gpu, "load_2d", LOADED, &texels(gpu, 1)),
+        Limit::Loads3d(Render) => raster::shade(gpu, "load_3d", LOADED, &texels(gpu, EDGE)),
+        Limit::MultiplyAdds(Render) => raster::shade(gpu, "multiply_add", (CHAINED, CHAINED), &[]),
+        Limit::AtomicAdds => run("add", (OPERATIONS, OPERATIONS), vec![]),
         Limit::EmptyPasses => {
             compute(gpu, KernelCode { is_empty: true, ..KernelCode::new("count", 1, 1) })
         }
+        Limit::Loads2d(_) | Limit::Loads3d(_) | Limit::MultiplyAdds(_) | Limit::Former(_) => {
+            Err(GpuError::Unusable(format!("nothing measures `{}`", limit.name())))
+        }
     })
+}
+
+fn texture_format(format: FillFormat) -> wgpu::TextureFormat {
+    match format {
+        FillFormat::R8Unorm => wgpu::TextureFormat::R8Unorm,
+        FillFormat::Rgba8Unorm => wgpu::TextureFormat::Rgba8Unorm,
+        FillFormat::R16Float => wgpu::TextureFormat::R16Float,
+        FillFormat::Rgba16Float => wgpu::TextureFormat::Rgba16Float,
+        FillFormat::R32Float => wgpu::TextureFormat::R32Float,
+        FillFormat::Rgba32Float => wgpu::TextureFormat::Rgba32Float,
+    }
 }
 
 /// A sound measurement or the last of some, and its turns.
@@ -173,7 +195,7 @@ impl<'a> TestBench<'a> {
         Ok(iterations)
     }
 
-    fn ceiling(&mut self, limit: Limit, turns: u32) -> Result<Ceiling, GpuError> {
+    fn ceiling(&mut self, limit: &Limit, turns: u32) -> Result<Ceiling, GpuError> {
         let levels = [turns, 2 * turns];
         let mut times_ns = levels.map(|_| Vec::new());
         for _ in 0..ROUNDS {
@@ -188,10 +210,10 @@ impl<'a> TestBench<'a> {
 }
 
 /// What times in ns of so much work and of twice as much, pair by pair, say of a limit.
-fn compute_ceiling(limit: Limit, work: f64, once: &[f64], twice: &[f64]) -> Ceiling {
+fn compute_ceiling(limit: &Limit, work: f64, once: &[f64], twice: &[f64]) -> Ceiling {
     // The second N of the work, without what a pass costs whatever its work.
     let difference = |(once, twice): (&f64, &f64)| (twice - once).max(MIN_SHARE * once).max(MIN_NS);
     let seconds = once.iter().zip(twice).map(|pair| difference(pair) * 1e-9);
     let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
-    Ceiling { limit, rate, doubling: median(twice) / median(once) }
+    Ceiling::new(limit.clone(), rate, median(twice) / median(once))
 }

@@ -1,12 +1,19 @@
 //! Kernels that draw: fill and small triangles.
 
-use super::kernel::{BenchKernel, KernelOutput, MAX_TURNS};
-use crate::kit::{Canvas, Raster, RenderSpec, Resources, additive, opaque};
-use crate::{Gpu, GpuError, StageScope};
+use super::kernel::{BenchKernel, KernelOutput, KernelWork, MAX_TURNS};
+use crate::kit::{
+    Bindings, Canvas, Raster, RenderSpec, Resources, additive, draw_fullscreen, opaque,
+};
+use crate::{Gpu, GpuError, MAX_ITERATIONS, StageScope};
 
 /// Edge of the target of fill in pixels: a pass takes much longer than its beginning and end.
 const SOFTWARE_EDGE: u32 = 512;
 const GPU_EDGE: u32 = 2048;
+/// That of fragments that load and compute.
+const SOFTWARE_SHADED_EDGE: u32 = 128;
+const GPU_SHADED_EDGE: u32 = 1024;
+/// Half floats count by ones up to here.
+const MAX_HALF: f64 = 2048.0;
 /// The grid of small triangles, as in the shader: its cells are two pixels wide and one high.
 const COLUMNS: u32 = 128;
 const ROWS: u32 = 256;
@@ -30,7 +37,13 @@ pub(super) fn fill(
     };
     let expected = move |turns| {
         let ones = if is_blended { f64::from(turns) } else { 1.0 };
-        if format == wgpu::TextureFormat::R8Unorm { (ones / 255.0).min(1.0) } else { ones }
+        match format {
+            wgpu::TextureFormat::R8Unorm | wgpu::TextureFormat::Rgba8Unorm => {
+                (ones / 255.0).min(1.0)
+            }
+            wgpu::TextureFormat::R16Float | wgpu::TextureFormat::Rgba16Float => ones.min(MAX_HALF),
+            _ => ones,
+        }
     };
     Ok(BenchKernel {
         work_per_iteration: f64::from(edge).powi(2),
@@ -43,9 +56,49 @@ pub(super) fn fill(
     })
 }
 
-/// A grid of triangles, each as large as a pixel, that all face away.
-pub(super) fn small_triangles(gpu: &Gpu) -> Result<BenchKernel, GpuError> {
-    let (vertex, format) = (("grid", Some(wgpu::Face::Front)), wgpu::TextureFormat::R8Unorm);
+/// Fragments of this entry point, whose turn is so much work and adds `result`.
+pub(super) fn shade(
+    gpu: &Gpu,
+    fragment: &str,
+    (work, result): (u32, u32),
+    reads: &[Bindings],
+) -> Result<BenchKernel, GpuError> {
+    let edge = if gpu.adapter.software { SOFTWARE_SHADED_EDGE } else { GPU_SHADED_EDGE };
+    let resources = Resources::new(gpu);
+    let uniform = resources.uniform("ceiling", &KernelWork::new(0));
+    let own = Bindings::new(&[&uniform]);
+    let groups: Vec<_> = std::iter::once(&own).chain(reads).collect();
+    let targets = [opaque(wgpu::TextureFormat::R32Float)];
+    let code = ("ceilings/raster", &[("UNORM", 0)]);
+    let spec = RenderSpec {
+        vertex: "whole",
+        fragment: Some(fragment),
+        ..RenderSpec::new(code, &groups, &targets)
+    };
+    let canvas = Canvas::new(&resources, &spec, [edge; 2], wgpu::Color::TRANSPARENT);
+    let (raster, target) = (Raster::new(&resources, &spec)?, canvas.textures[0].clone());
+    let encode = move |scope: &mut StageScope<'_>, _| {
+        canvas.render(scope, |pass| {
+            raster.bind(pass);
+            draw_fullscreen(pass);
+        });
+    };
+    Ok(BenchKernel {
+        work_per_iteration: f64::from(edge).powi(2) * f64::from(work),
+        // Sums are exact in 32-bit floats.
+        max_iterations: (MAX_ITERATIONS as u32).min(MAX_TURNS / result),
+        frame_of: None,
+        uniform: Some(uniform),
+        output: KernelOutput::Texels(target),
+        expected: Box::new(move |turns| f64::from(result) * f64::from(turns)),
+        encode: Box::new(encode),
+    })
+}
+
+/// A grid of triangles, each as large as a pixel, that all face away or are all drawn.
+pub(super) fn small_triangles(gpu: &Gpu, drawn: bool) -> Result<BenchKernel, GpuError> {
+    let culled = (!drawn).then_some(wgpu::Face::Front);
+    let (vertex, format) = (("grid", culled), wgpu::TextureFormat::R8Unorm);
     let (raster, canvas) = targets(gpu, vertex, (format, true), [2 * COLUMNS, ROWS])?;
     let target = canvas.textures[0].clone();
     let (indices, triangles) = (indices(gpu), 2 * COLUMNS * ROWS);
@@ -62,7 +115,10 @@ pub(super) fn small_triangles(gpu: &Gpu) -> Result<BenchKernel, GpuError> {
         frame_of: None,
         uniform: None,
         output: KernelOutput::Texels(target),
-        expected: Box::new(|_| 0.0),
+        // The triangles cover each pixel once.
+        expected: Box::new(
+            move |turns| if drawn { (f64::from(turns) / 255.0).min(1.0) } else { 0.0 },
+        ),
         encode: Box::new(encode),
     })
 }
@@ -87,7 +143,9 @@ fn targets(
     size_px: [u32; 2],
 ) -> Result<(Raster, Canvas), GpuError> {
     let resources = Resources::new(gpu);
-    let defs = [("UNORM", i32::from(format == wgpu::TextureFormat::R8Unorm))];
+    let is_unorm =
+        [wgpu::TextureFormat::R8Unorm, wgpu::TextureFormat::Rgba8Unorm].contains(&format);
+    let defs = [("UNORM", i32::from(is_unorm))];
     let targets = [if is_blended { additive(format) } else { opaque(format) }];
     let spec = RenderSpec {
         vertex,

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use super::{TestBench, kernel_of};
 use crate::{ClockPlan, Gpu, GpuError, SubmitCost};
+use fathom_record::PassKind;
 use fathom_record::ceilings::Limit;
 
 /// Longest that a GPU is given to reach its clock, seconds: three times what the H100 took.
@@ -33,7 +34,7 @@ impl Waker {
         if gpu.adapter.software {
             return Ok(());
         }
-        let kernel = kernel_of(gpu, Limit::MultiplyAdds)?;
+        let kernel = kernel_of(gpu, &Limit::MultiplyAdds(PassKind::Compute))?;
         let plan = ClockPlan::fenced(SubmitCost::default());
         let mut bench = TestBench::new(gpu, plan, &kernel)?;
         if self.iterations == 0 {

@@ -7,6 +7,7 @@ use crate::{
     ColorTarget, Demand, DepthTarget, GpuError, Shader, Stage, StageInfo, StageScope, Targets,
 };
 use fathom_record::Work;
+use fathom_record::ceilings::Drawing;
 
 /// A shader by its path and the values that it is compiled with.
 #[derive(Clone, Copy)]
@@ -323,8 +324,16 @@ pub fn size_px(texture: &wgpu::Texture) -> [u32; 2] {
 /// The targets that passes draw into.
 pub struct Canvas {
     pub textures: Vec<wgpu::Texture>,
-    colors: Vec<(wgpu::TextureView, Option<wgpu::Color>)>,
+    colors: Vec<(wgpu::TextureView, Option<wgpu::Color>, Drawing)>,
     depth: Option<(wgpu::TextureView, DepthUse)>,
+}
+
+fn drawing(target: &wgpu::ColorTargetState) -> Drawing {
+    match target.blend {
+        _ if target.write_mask.is_empty() => Drawing::Unwritten,
+        None => Drawing::Opaque,
+        Some(_) => Drawing::Blended,
+    }
 }
 
 /// What a pass begins with, and whether it writes depth.
@@ -351,8 +360,11 @@ impl Canvas {
         spec: &RenderSpec<'_>,
         targets: Vec<(wgpu::TextureView, Option<wgpu::Color>, wgpu::Texture)>,
     ) -> Self {
-        let (colors, textures) =
-            targets.into_iter().map(|(view, clear, texture)| ((view, clear), texture)).unzip();
+        let drawn = targets
+            .into_iter()
+            .zip(spec.targets)
+            .map(|((view, clear, texture), state)| ((view, clear, drawing(state)), texture));
+        let (colors, textures) = drawn.unzip();
         let view = |depth: Depth<'_>| layer_view(depth.texture, depth.layer);
         let depth = spec.depth.map(|depth| (view(depth), (depth.clear, depth.write)));
         Self { textures, colors, depth }
@@ -376,10 +388,11 @@ impl Canvas {
     }
 
     fn colors(&self, first: bool) -> Vec<ColorTarget<'_>> {
-        let colors = self.colors.iter().map(|(view, clear)| ColorTarget {
+        let colors = self.colors.iter().map(|(view, clear, drawing)| ColorTarget {
             view,
             clear: clear.filter(|_| first),
             slice: None,
+            drawing: *drawing,
         });
         colors.collect()
     }

@@ -3,9 +3,10 @@
 use super::{Params, VolumeAo, voxelize};
 use crate::occlusion::OcclusionBuffers;
 use crate::settings::Update;
-use crate::{Pipeline, PipelineInstance, to_map};
+use crate::{CountedReads, Pipeline, PipelineInstance, to_map};
 use fathom_gpu::kit::{Resources, When};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
+use fathom_record::ceilings::Reads;
 use fathom_scene::Scene;
 use fathom_stages::ao::march;
 use fathom_stages::ao::query::{self, SurfacePoint};
@@ -36,7 +37,7 @@ impl PipelineInstance for VolumeAo {
 
     /// By a shader that does nothing else, over the last frame's G-buffer and volumes; per pixel of the occlusion buffer that shows
     /// geometry.
-    fn counted_reads(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+    fn counted_reads(&self, gpu: &Gpu) -> Result<Option<CountedReads>, GpuError> {
         let (gbuffer, raw) = (&self.buffers.gbuffer, &self.buffers.raw.1);
         let buffer_px = [raw.width(), raw.height()];
         let seen = (gbuffer, self.view_projection);
@@ -51,7 +52,10 @@ impl PipelineInstance for VolumeAo {
         if self.marching.skipping {
             figures.push(("lookups_per_pixel_mean", per_pixel(counts.lookups)));
         }
-        Ok(to_map(figures))
+        // Each sample is a texel at least.
+        let reads = Reads { texels: 0, volume_texels: counts.samples + counts.lookups };
+        let stage = march::INFO.name;
+        Ok(Some(CountedReads { stage, reads, quantities: to_map(figures) }))
     }
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {

@@ -50,7 +50,7 @@ fn row(BoundStage { cell, stage, share }: &BoundStage<'_>) -> [Line; 5] {
         stage.stage.as_str().into(),
         Line::from(Span::Bold(percent(share.share)))
             .and(ends(share.interval, |share| three(100.0 * share))),
-        share.limit.name().into(),
+        share.limit_name().into(),
         format!("{} {}, {basis}", si(share.amount as f64), share.work.name()).into(),
         format!("{}: {}", cell.experiment, cell.cell).into(),
     ]
@@ -66,9 +66,9 @@ fn limits(view: &Report<'_>) -> Table {
     let measured = view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
     let columns = ["Limit", "Rate (interval)", "n", "2 N / N"];
     let row = |ceiling: &Ceiling| {
-        let Ceiling { limit, rate, doubling } = ceiling;
+        let Ceiling { limit, rate, doubling, .. } = ceiling;
         [
-            limit.name().to_owned(),
+            ceiling.name(),
             format!("{} {}{}", si(rate.median), limit.unit(), ends(rate.interval, si)),
             rate.n.to_string(),
             format!("{}{}", three(*doubling), if ceiling.is_sound() { "" } else { " unusable" }),

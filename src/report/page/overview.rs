@@ -216,7 +216,7 @@ fn limits(view: &Report<'_>) -> Vec<Block> {
     let nearest = bounds.iter().unique_by(|bound| &bound.stage.stage).take(MAX_LINES);
     let lines = nearest.map(|bound| {
         let share = percent(bound.share.share);
-        format!("{} {share} of {}", bound.stage.stage, bound.share.limit.name())
+        format!("{} {share} of {}", bound.stage.stage, bound.share.limit_name())
     });
     let none = "None of this version's limits was measured.";
     list("Best shares of the adapter's limits:", none, lines.collect())

@@ -23,8 +23,9 @@ pub fn new(
     let groups = [&shared.group, &own];
     let workgroups = kit::linear_workgroups(count.into());
     let dispatch = Dispatch::new(resources, (INFO.name, &rays.defs()), &groups, workgroups)?;
-    // Rays end early, and a photon that has ended is passed over on its later ways.
-    let stage = Dispatch::stage([dispatch], &INFO, rays.work()).with_min_work(Work::default());
+    // Of each photon the state, a word, is read: rays end early, and a photon that has ended is passed over.
+    let min_work = Work { bytes_read: u64::from(count) * 4, ..Work::default() };
+    let stage = Dispatch::stage([dispatch], &INFO, rays.work()).with_min_work(min_work);
     let stage = stage
         .with_iterations(rays.walking.path_segments)
         .with_spent_inputs(rays.walking.path_segments > 1);

@@ -52,7 +52,7 @@ mod tests {
         ("cells of a level", "voxel/mips"),
         ("pixels of a small triangle's box", "voxel/slicemap"),
         ("the cells of three edges, 12,288", "voxel/view"),
-        ("`Kernel::max_iterations`", "ceilings/compute"),
+        ("`Kernel::max_iterations`", "ceilings/compute ceilings/raster"),
         ("more turns than some adapters make, on purpose", "audit/loops"),
         ("loops that are linked and not called", "godrays/lines planar/points rays/reduce"),
         ("loops that are linked and not called", "shadow/compose shafts/lines transfer/shadow"),

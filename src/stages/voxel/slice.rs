@@ -10,7 +10,7 @@ use super::{VoxelPart, bit_volumes};
 use crate::geometry::Geometry;
 use crate::prelude::*;
 use fathom_gpu::kit::Raster;
-use fathom_gpu::{ColorTarget, Targets};
+use fathom_gpu::{ColorTarget, Drawing, Targets};
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/slice",
@@ -53,9 +53,9 @@ pub fn new(
             }
         }
         let clear = Some(wgpu::Color::BLACK);
-        let color = slices
-            .iter()
-            .map(|(_, view, _, slice)| [ColorTarget { view, clear, slice: Some(*slice) }]);
+        let color = slices.iter().map(|(_, view, _, slice)| {
+            [ColorTarget { view, clear, slice: Some(*slice), drawing: Drawing::Opaque }]
+        });
         let color: Vec<_> = color.collect();
         let targets: Vec<_> = color.iter().map(|color| Targets { color, depth: None }).collect();
         scope.render_series(&targets, |number, pass| {

@@ -64,7 +64,7 @@ pub fn with_limit(records: &str, rate: f64) -> String {
     let mut header: Record = serde_json::from_str(header).unwrap();
     let limit = Limit::ReadCached;
     let rate = estimate(&samples(rate));
-    header.try_as_run_mut().unwrap().ceilings = vec![Ceiling { limit, rate, doubling: 2.0 }];
+    header.try_as_run_mut().unwrap().ceilings = vec![Ceiling::new(limit, rate, 2.0)];
     lines([header]) + rest
 }
 

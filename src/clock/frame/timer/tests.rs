@@ -51,7 +51,12 @@ impl ModelledGpu {
         for (stage, ns) in passes_ns.iter().enumerate() {
             let (begin, end) = (self.now_ns, self.now_ns + ns);
             let query = Some(stage as u32);
-            timer.recorder.passes.push(EncodedPass { stage, kind: PassKind::Compute, query });
+            timer.recorder.passes.push(EncodedPass {
+                stage,
+                kind: PassKind::Compute,
+                query,
+                targets: vec![],
+            });
             timer.ticks.push([begin, end].map(|ns| ns.round() as u64));
             self.now_ns = end + gap_ns;
         }
