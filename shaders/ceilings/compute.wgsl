@@ -37,22 +37,6 @@ fn load_3d(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 @compute @workgroup_size(#{GROUP_SIZE})
-fn add(@builtin(global_invocation_id) id: vec3<u32>) {
-    for (var iteration = 0u; iteration < work.turns; iteration++) {
-        atomicAdd(&results[id.x], 1u); atomicAdd(&results[id.x], 1u);
-        atomicAdd(&results[id.x], 1u); atomicAdd(&results[id.x], 1u);
-        atomicAdd(&results[id.x], 1u); atomicAdd(&results[id.x], 1u);
-        atomicAdd(&results[id.x], 1u); atomicAdd(&results[id.x], 1u);
-    }
-}
-
-@compute @workgroup_size(#{GROUP_SIZE})
 fn multiply_add(@builtin(global_invocation_id) id: vec3<u32>) {
     atomicStore(&results[id.x], u32(multiply_adds()));
-}
-
-// Counts its passes.
-@compute @workgroup_size(1)
-fn count() {
-    atomicAdd(&results[0], u32(work.factor));
 }

@@ -46,16 +46,12 @@ pub enum Limit {
     Loads2d(PassKind),
     /// Texels loaded from a volume.
     Loads3d(PassKind),
-    /// Each invocation adds to a word of its own.
-    AtomicAdds,
     /// Fused multiply-adds.
     MultiplyAdds(PassKind),
     /// Triangles of about a pixel that face away, so that no fragment is shaded: those that are drawn take longer.
     SmallTriangles,
     /// Triangles of about a pixel, one fragment each or none.
     DrawnTriangles,
-    /// Compute passes that do next to nothing.
-    EmptyPasses,
     /// One that an earlier version measured.
     Former(String),
 }
@@ -68,9 +64,8 @@ impl Limit {
             vec![Self::ReadCached, Self::ReadMemory, Self::WriteCached, Self::WriteMemory];
         all.extend([Self::Fill, Self::Blend].iter().flat_map(|of| FillFormat::iter().map(of)));
         all.extend([Self::Loads2d, Self::Loads3d].iter().flat_map(|of| passes.map(of)));
-        all.push(Self::AtomicAdds);
         all.extend(passes.map(Self::MultiplyAdds));
-        all.extend([Self::SmallTriangles, Self::DrawnTriangles, Self::EmptyPasses]);
+        all.extend([Self::SmallTriangles, Self::DrawnTriangles]);
         all
     }
 
@@ -85,13 +80,11 @@ impl Limit {
             Self::Blend(_) => ("blend", "blended fill", "fragments/s", Some(Bounded::Fragments)),
             Self::Loads2d(_) => ("loads2d", "2-D loads", "texels/s", Some(Bounded::Texels)),
             Self::Loads3d(_) => ("loads3d", "3-D loads", "texels/s", Some(Bounded::VolumeTexels)),
-            Self::AtomicAdds => ("atomic_adds", "atomic adds, spread", "adds/s", None),
             Self::MultiplyAdds(_) => ("multiply_adds", "arithmetic", "multiply-adds/s", None),
             Self::SmallTriangles => {
                 ("small_triangles", "culled triangles", "primitives/s", Some(Bounded::Primitives))
             }
             Self::DrawnTriangles => ("drawn_triangles", "drawn triangles", "primitives/s", None),
-            Self::EmptyPasses => ("empty_passes", "empty passes, compute", "passes/s", None),
             Self::Former(name) => (name.as_str(), name.as_str(), "/s", None),
         };
         let (of_key, of_name) = match self {

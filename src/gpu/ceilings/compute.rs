@@ -3,7 +3,6 @@
 use super::kernel::{BenchKernel, KernelOutput, KernelWork, MAX_TURNS, READ_BYTES};
 use crate::kit::{Bindings, Code, Dispatch, Resources};
 use crate::{Gpu, GpuError, MAX_ITERATIONS, StageScope};
-use fathom_record::PassKind;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg32;
 
@@ -29,13 +28,11 @@ pub(super) struct KernelCode<'a> {
     pub reads: Vec<Bindings>,
     /// Iterations of loops within a turn.
     pub inner_loops: u64,
-    /// One invocation in a pass, and a pass a turn.
-    pub is_empty: bool,
 }
 
 impl<'a> KernelCode<'a> {
     pub(super) fn new(entry: &'a str, work: u32, result: u32) -> Self {
-        Self { entry, work, result, reads: vec![], inner_loops: 0, is_empty: false }
+        Self { entry, work, result, reads: vec![], inner_loops: 0 }
     }
 }
 
@@ -45,8 +42,8 @@ fn invocations(gpu: &Gpu) -> u32 {
 }
 
 pub(super) fn compute(gpu: &Gpu, code: KernelCode<'_>) -> Result<BenchKernel, GpuError> {
-    let KernelCode { entry, work, result, reads, inner_loops, is_empty } = code;
-    let invocations = if is_empty { 1 } else { invocations(gpu) };
+    let KernelCode { entry, work, result, reads, inner_loops } = code;
+    let invocations = invocations(gpu);
     let resources = Resources::new(gpu);
     let uniform = resources.uniform("ceiling", &KernelWork::new(0));
     let results = resources.storage("ceiling", u64::from(invocations) * 4);
@@ -55,15 +52,10 @@ pub(super) fn compute(gpu: &Gpu, code: KernelCode<'_>) -> Result<BenchKernel, Gp
     let code = Code { entry, ..Code::from("ceilings/compute") };
     let workgroups = [invocations.div_ceil(GROUP_SIZE), 1, 1];
     let dispatch = Dispatch::new(&resources, code, &groups, workgroups)?;
-    let encode = move |scope: &mut StageScope<'_>, turns| {
-        for _ in 0..if is_empty { turns } else { 1 } {
-            scope.compute(|pass| dispatch.run(pass));
-        }
-    };
+    let encode = move |scope: &mut StageScope<'_>, _| scope.compute(|pass| dispatch.run(pass));
     Ok(BenchKernel {
         work_per_iteration: f64::from(invocations) * f64::from(work),
         max_iterations: (MAX_ITERATIONS / (1 + inner_loops)) as u32,
-        frame_of: is_empty.then_some(PassKind::Compute),
         uniform: Some(uniform),
         output: KernelOutput::Words(results.raw()),
         expected: Box::new(move |turns| f64::from(result.wrapping_mul(turns))),
@@ -127,7 +119,6 @@ pub(super) fn clear(gpu: &Gpu, bytes: u64) -> BenchKernel {
     BenchKernel {
         work_per_iteration: bytes as f64,
         max_iterations: MAX_TURNS,
-        frame_of: None,
         uniform: None,
         output: KernelOutput::Cleared(buffer),
         expected: Box::new(|_| 0.0),

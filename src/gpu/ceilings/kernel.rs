@@ -3,7 +3,6 @@
 use crate::kit::{Buffer, host_bytes};
 use crate::readback::{read_buffer, read_texture};
 use crate::{Gpu, GpuError, StageScope, TimedStage, shader_struct};
-use fathom_record::PassKind;
 
 /// Sums of ones are exact in 32-bit floats up to here.
 pub(super) const MAX_TURNS: u32 = 1 << 24;
@@ -36,8 +35,6 @@ pub(super) struct BenchKernel {
     pub work_per_iteration: f64,
     /// Beyond so many turns the result is not exact, or a loop is too long.
     pub max_iterations: u32,
-    /// Timed as a frame of many passes of this kind, less the cost of its submission; else as a stage's pass.
-    pub frame_of: Option<PassKind>,
     /// Holds the number of turns.
     pub uniform: Option<Buffer>,
     pub output: KernelOutput,

@@ -48,7 +48,6 @@ pub(super) fn fill(
     Ok(BenchKernel {
         work_per_iteration: f64::from(edge).powi(2),
         max_iterations: MAX_TURNS,
-        frame_of: None,
         uniform: None,
         output: KernelOutput::Texels(target),
         expected: Box::new(expected),
@@ -87,7 +86,6 @@ pub(super) fn shade(
         work_per_iteration: f64::from(edge).powi(2) * f64::from(work),
         // Sums are exact in 32-bit floats.
         max_iterations: (MAX_ITERATIONS as u32).min(MAX_TURNS / result),
-        frame_of: None,
         uniform: Some(uniform),
         output: KernelOutput::Texels(target),
         expected: Box::new(move |turns| f64::from(result) * f64::from(turns)),
@@ -112,7 +110,6 @@ pub(super) fn small_triangles(gpu: &Gpu, drawn: bool) -> Result<BenchKernel, Gpu
     Ok(BenchKernel {
         work_per_iteration: f64::from(triangles),
         max_iterations: MAX_TURNS,
-        frame_of: None,
         uniform: None,
         output: KernelOutput::Texels(target),
         // The triangles cover each pixel once.

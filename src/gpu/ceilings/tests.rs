@@ -41,7 +41,7 @@ fn kernels_give_the_results_of_the_cpu_and_skipped_work_is_noticed() {
 /// What is measured of passes that take this long, ns, and the numbers of turns that are tried.
 fn tried(max: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
     let mut tried = Vec::new();
-    let limit = Limit::AtomicAdds;
+    let limit = Limit::SmallTriangles;
     let (turns, ceiling) = retry_until_sound(10, max, |turns| {
         tried.push(turns);
         // Three of seven rounds meet something else that runs.
@@ -59,7 +59,7 @@ fn tried(max: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
 
 #[test]
 fn rates_are_positive_where_a_busy_machine_makes_times_negative() {
-    let limit = Limit::AtomicAdds;
+    let limit = Limit::SmallTriangles;
     let ceiling = compute_ceiling(
         &limit,
         10.0,
