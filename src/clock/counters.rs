@@ -19,7 +19,7 @@ const NAMES: [&str; 5] = [
 ];
 
 /// One stage's passes, and what the adapter counted in them.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct StageCounters {
     pub name: &'static str,
     /// Those that are not zero; none where the adapter does not count.
@@ -65,12 +65,7 @@ fn sum<S: TimedStage + ?Sized>(
     recorder: &Recorder,
     results: &[u64],
 ) -> Vec<StageCounters> {
-    let empty = |stage: &&S| StageCounters {
-        name: stage.name(),
-        counters: BTreeMap::new(),
-        passes: BTreeSet::new(),
-        targets: BTreeSet::new(),
-    };
+    let empty = |stage: &&S| StageCounters { name: stage.name(), ..StageCounters::default() };
     let mut counted: Vec<StageCounters> = stages.iter().map(empty).collect();
     for pass in &recorder.passes {
         counted[pass.stage].passes.insert(pass.kind);

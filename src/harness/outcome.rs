@@ -96,15 +96,14 @@ fn stage_records(
     let record = |(index, name): (usize, &str)| {
         let stage = stages.iter().find(|stage| stage.name() == name);
         let (work, min_work) = stage.map(|stage| (stage.work, stage.min_work)).unwrap_or_default();
-        let counted = counters.iter().find(|stage| stage.name == name);
+        let counted = counters.iter().find(|stage| stage.name == name).cloned();
+        let StageCounters { counters, passes, targets, .. } = counted.unwrap_or_default();
         StageRecord {
             work,
             least_work: (min_work != work).then_some(min_work),
-            counters: counted.map(|stage| stage.counters.clone()).unwrap_or_default(),
-            passes: counted.map(|stage| stage.passes.iter().copied().collect()).unwrap_or_default(),
-            targets: counted
-                .map(|stage| stage.targets.iter().cloned().collect())
-                .unwrap_or_default(),
+            counters,
+            passes: passes.into_iter().collect(),
+            targets: targets.into_iter().collect(),
             reads: reads.get(name).copied(),
             ..stage_record(samples, index, name)
         }

@@ -380,10 +380,8 @@ impl TargetRecord {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Reads {
     /// Of pictures.
-    #[serde(default)]
     pub texels: u64,
     /// Of volumes.
-    #[serde(default)]
     pub volume_texels: u64,
 }
 

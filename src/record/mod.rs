@@ -419,6 +419,12 @@ pub struct StageEncoding {
 }
 
 impl Measured {
+    /// What the stages leave of the untimed frame, nanoseconds: what lies between passes, and what the frame takes to begin and to end.
+    pub fn in_no_stage_ns(&self) -> f64 {
+        let stages: f64 = self.stages.iter().map(|stage| stage.time.median).sum();
+        (self.frame.untimed.median - stages).max(0.0)
+    }
+
     pub fn rejected_frames(&self) -> u32 {
         self.rejected.iter().map(|rejected| rejected.frames).sum()
     }

@@ -67,7 +67,7 @@ const ERROR_COLUMNS: [(&str, ErrorField); 3] = [
     ("error_unit", |error| error.unit.clone()),
 ];
 
-const FRAME_COLUMNS: [(&str, FrameField); 17] = [
+const FRAME_COLUMNS: [(&str, FrameField); 18] = [
     ("frame_untimed_median_ns", |cell| middle(&cell.frame.untimed)),
     ("frame_untimed_low_ns", |cell| end(&cell.frame.untimed, |interval| interval.low)),
     ("frame_untimed_high_ns", |cell| end(&cell.frame.untimed, |interval| interval.high)),
@@ -75,6 +75,7 @@ const FRAME_COLUMNS: [(&str, FrameField); 17] = [
     ("frame_untimed_p99_ns", |cell| tail(&cell.frame.untimed_samples_ns, 0.99)),
     ("frame_untimed_max_ns", |cell| tail(&cell.frame.untimed_samples_ns, 1.0)),
     ("frame_untimed_samples", |cell| cell.frame.untimed_samples_ns.len().to_string()),
+    ("frame_in_no_stage_ns", |cell| number(cell.in_no_stage_ns())),
     ("visits", |cell| {
         cell.frame.visits.last().map_or_else(String::new, |last| (last + 1).to_string())
     }),

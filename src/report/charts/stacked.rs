@@ -8,7 +8,6 @@ use crate::axis::Scale;
 use crate::colors::StageColors;
 use crate::facts::{self, StageShare};
 use crate::format::{self, NS_PER_MS, three};
-use fathom_base::statistics;
 use fathom_experiments::Measure;
 use fathom_experiments::schema::Published;
 use fathom_record::{Cell, Estimate, Measured};
@@ -23,7 +22,7 @@ const MIN_SHARE: f64 = 0.01;
 /// A cell, times in milliseconds.
 struct Bar {
     label: String,
-    /// One per stage of the panel, then the rest and the gaps.
+    /// One per stage of the panel, then the rest and what is in no stage.
     parts: Vec<f64>,
     frame: Estimate,
     /// From the shortest to the longest published time.
@@ -33,12 +32,13 @@ struct Bar {
 /// Pixels of a bar of 100 % at least: labels take the rest.
 const SHARES_PX: f64 = 480.0;
 
-/// Frames in per cent of their stages, each under its label.
-pub fn shares(rows: &[(String, Vec<StageShare<'_>>)], colors: &StageColors) -> String {
+/// Frames in per cent, each under its label, with the nanoseconds that are in none of its stages.
+pub fn shares(rows: &[(String, Vec<StageShare<'_>>, f64)], colors: &StageColors) -> String {
     let mut items = Vec::new();
-    for ((label, stages), row) in rows.iter().zip((0..rows.len()).rev()) {
+    for ((label, stages, none_ns), row) in rows.iter().zip((0..rows.len()).rev()) {
         let middle = row as f64 + 0.5;
-        let sum_ns: f64 = stages.iter().map(|share| share.stage.time.median).sum();
+        let of_stages: f64 = stages.iter().map(|share| share.stage.time.median).sum();
+        let sum_ns = of_stages + none_ns;
         let mut start = 0.0;
         for StageShare { stage, share } in stages {
             let length = 100.0 * stage.time.median / sum_ns.max(f64::MIN_POSITIVE);
@@ -55,10 +55,14 @@ pub fn shares(rows: &[(String, Vec<StageShare<'_>>)], colors: &StageColors) -> S
             }
             start += length;
         }
+        let ms = three(none_ns / NS_PER_MS);
+        let tip = format!("{label}, {}; {:.1} %: {ms} ms", OTHERS[1], 100.0 - start);
+        let corners = [(start, row as f64 + 0.1), (100.0, row as f64 + 0.9)];
+        items.extend([Item::Bar(corners, style::GAPS), Item::Tip(tip)]);
         items.push(Item::Label(label.clone(), middle));
     }
     let chart = BarChart {
-        x_title: "share of the stages' times (%)".to_owned(),
+        x_title: "share of the frame (%); light: in no stage".to_owned(),
         scale: Scale::named(
             [0.0, 100.0],
             [0.0, 25.0, 50.0, 75.0, 100.0].map(|at| (at, format!("{at}"))),
@@ -104,7 +108,7 @@ pub fn chart(input: &PlotInput<'_>) -> Option<BarChart> {
 }
 
 /// What stands behind the stages of a bar.
-const OTHERS: [&str; 2] = ["all other stages", "gaps between passes"];
+const OTHERS: [&str; 2] = ["all other stages", "in no stage"];
 
 fn legend(names: &[&str], bars: &[Bar], colors: &[RGBColor]) -> Legend {
     let named = names.iter().zip(colors).enumerate();
@@ -139,13 +143,11 @@ impl Bar {
             let place = stages.iter().position(|name| *stage.stage == **name);
             parts[place.unwrap_or(stages.len())] += stage.time.median / NS_PER_MS;
         }
-        let frame = &measured.frame;
-        let gaps = statistics::median(&frame.gap_samples_ns) / NS_PER_MS;
-        parts.push(if gaps.is_finite() { gaps.max(0.0) } else { 0.0 });
+        parts.push(measured.in_no_stage_ns() / NS_PER_MS);
         Bar {
             label: names::cell(cell, None, input.experiment),
             parts,
-            frame: frame.untimed.scaled(1.0 / NS_PER_MS),
+            frame: measured.frame.untimed.scaled(1.0 / NS_PER_MS),
             published: input.published(cell, &Measure::frame()).map(Published::span_ms),
         }
     }

@@ -49,7 +49,8 @@ pub fn bars(page: &Page<'_>) -> Option<String> {
     let frames = frames(page);
     let rows = frames.iter().flatten().map(|(run, frame)| {
         let run = if page.is_overlay() { format!(", {}", run.label) } else { String::new() };
-        (format!("{}{run}", frame.cell.pipeline), resolved(frame))
+        let none_ns = frame.measured.in_no_stage_ns();
+        (format!("{}{run}", frame.cell.pipeline), resolved(frame), none_ns)
     });
     let rows = rows.collect_vec();
     (!rows.is_empty()).then(|| shares(&rows, &page.colors))
@@ -73,7 +74,7 @@ fn resolved<'a>(frame: &Representative<'a>) -> Vec<StageShare<'a>> {
     frame.stages().into_iter().filter(|share| share.stage.is_resolved()).collect()
 }
 
-/// The frame's longest stages, the sum of its short ones, and the gaps between its passes.
+/// The frame's longest stages, the sum of its short ones, and what is in none.
 fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
     let stages =
         frame.stages().into_iter().sorted_by(|a, b| b.share.median.total_cmp(&a.share.median));
@@ -88,12 +89,9 @@ fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
             Line::default(),
         ]
     });
-    let gaps_ns = statistics::median(&frame.measured.frame.gap_samples_ns);
-    let gaps = gaps_ns.is_finite().then(|| {
-        let ms = three(gaps_ns / NS_PER_MS);
-        [Line::default(), "gaps between passes".into(), ms.into(), "–".into(), "–".into()]
-    });
-    let rows = long.iter().map(|share| stage_row(page, share)).chain(others).chain(gaps);
+    let ms = three(frame.measured.in_no_stage_ns() / NS_PER_MS);
+    let none = [Line::default(), "in no stage".into(), ms.into(), "–".into(), "–".into()];
+    let rows = long.iter().map(|share| stage_row(page, share)).chain(others).chain([none]);
     let mut rows: Vec<[Field; 5]> = rows.map(|row| row.map(Field::from)).collect();
     if let Some(first) = rows.first_mut() {
         let (cell, times) = (frame.cell, &frame.measured.frame);
