@@ -22,11 +22,9 @@ pub fn headline(verdict: &RunVerdict) -> String {
     let [.., scatter] = verdict.figures();
     let is_scatter_known = *noise == Noise::Quiet && scatter.value.is_finite();
     let figures = verdict.exceeded().chain(is_scatter_known.then_some(scatter));
-    let have = format!("{with_interval} of {cells} timed cells have an interval");
-    let have = match noise {
-        Noise::Quiet => have,
-        Noise::Noisy => format!("{have}, of these minutes alone"),
-    };
+    let is_told = *noise == Noise::Noisy && *with_interval > 0 && !verdict.is_short();
+    let of_these = if is_told { ", of these minutes alone" } else { "" };
+    let have = format!("{with_interval} of {cells} timed cells have an interval{of_these}");
     let short = verdict.is_short().then(|| {
         format!("within {seconds:.0} s: intervals are of these seconds alone and settle nothing")
     });
