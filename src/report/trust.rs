@@ -7,8 +7,8 @@ use itertools::Itertools;
 
 use super::facts::share;
 use super::{Report, Section, noise};
-use fathom_base::statistics::ALPHA;
-use fathom_base::visits::{MIN_VISITS, Scale};
+use fathom_base::statistics;
+use fathom_base::visits::MIN_VISITS;
 use fathom_experiments::{CHANCE, Verdict};
 use fathom_judge::clocks::{ClockTrust, clocks};
 use fathom_record::{
@@ -105,7 +105,7 @@ fn timing_cost(view: &Report<'_>) -> Option<String> {
     let costs = costs.filter(|(_, cost)| cost.median.is_finite() && cost.n > 0).collect_vec();
     let (cell, worst) = costs.iter().max_by(|a, b| a.1.median.total_cmp(&b.1.median)).copied()?;
     let medians = costs.iter().map(|(_, cost)| cost.median).collect_vec();
-    let all = fathom_base::visits::estimate(&medians, Scale::Factors, ALPHA);
+    let all = statistics::estimate(&medians);
     Some(format!(
         "{} over {} cells; at worst {} ({}, n = {})",
         extra(&all),
