@@ -75,7 +75,7 @@ const FRAME_COLUMNS: [(&str, FrameField); 18] = [
     ("frame_untimed_p99_ns", |cell| tail(&cell.frame.untimed_samples_ns, 0.99)),
     ("frame_untimed_max_ns", |cell| tail(&cell.frame.untimed_samples_ns, 1.0)),
     ("frame_untimed_samples", |cell| cell.frame.untimed_samples_ns.len().to_string()),
-    ("frame_in_no_stage_ns", |cell| number(cell.in_no_stage_ns())),
+    ("frame_in_no_stage_ns", |cell| optional(cell.is_timed().then(|| cell.in_no_stage_ns()))),
     ("visits", |cell| {
         cell.frame.visits.last().map_or_else(String::new, |last| (last + 1).to_string())
     }),
