@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -85,17 +86,17 @@ pub fn measure(png: bool, options: &RunOptions, start: Instant) -> ExitResult {
     let given = given.map(|given| Artifact::new(GIVEN, given.text.clone()));
     let files = report::report_files(&[], None).into_iter().chain(given).collect_vec();
     options.out.iter().try_for_each(|folder| exporters::check_folder(folder, &files))?;
-    let mut has_tables = false;
-    let mut report = |folder: &Path, records: &[Record], standing: RunProgress| {
+    let has_tables = AtomicBool::new(false);
+    let report = move |folder: &Path, records: &[Record], standing: RunProgress| {
         let view = Report { standing: Some(standing), ..Report::new(records, Some(folder)) };
         if let Err(error) = exporters::write_view(folder, &view) {
             print::note(format!("error: no report yet: {error}"));
         }
-        if !std::mem::replace(&mut has_tables, true) {
+        if !has_tables.swap(true, Ordering::Relaxed) {
             print_sizes(&view);
         }
     };
-    let summary = run::run(options, start, &mut report, &INTERRUPT)?;
+    let summary = run::run(options, start, Arc::new(report), &INTERRUPT)?;
     let output = OutputFolder { folder: summary.out.clone() };
     let reading = record::read(&output.records())?;
     let view = Report::new(&reading.records, Some(&output.folder));
@@ -192,14 +193,12 @@ fn print_summary(summary: &Summary, resuming: &str) {
             "{over_budget} cells not run or not finished; `{resuming}` goes on with them"
         ));
     }
-    let ratio = end.measuring_wall_s / end.measured_gpu_s;
-    let ratio = (end.measured_gpu_s > 0.0).then(|| format!(" (ratio {ratio:.2})"));
     print::status(format!(
-        "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
+        "{:.1} s of set-up, {:.1} s of measuring; frames took {:.1} s, {:.0} % of the time",
         end.set_up_s,
         end.measuring_wall_s,
         end.measured_gpu_s,
-        ratio.unwrap_or_default()
+        100.0 * end.measured_share()
     ));
     if let Some(bytes) = end.peak_memory_bytes {
         print::status(format!("{:.2} GiB of memory at most", bytes as f64 / f64::from(1 << 30)));

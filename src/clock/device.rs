@@ -180,7 +180,10 @@ impl Device {
     }
 
     /// Submits what the queue holds back, such as writes to buffers, and waits for it.
-    pub(crate) fn flush(&self) -> Result<(), DeviceError> {
+    ///
+    /// # Errors
+    /// As [`Self::wait`].
+    pub fn flush(&self) -> Result<(), DeviceError> {
         let index = self.queue.submit([]);
         self.wait_for(Some(index))
     }

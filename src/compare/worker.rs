@@ -226,8 +226,8 @@ impl OpenDevice {
             quantities: pipeline.all_quantities(&self.gpu)?,
             ..Exact::default()
         };
-        let mut known = ReferenceCache::default();
-        match pipeline.judge(&mut Judge::new(&self.gpu, scene, &mut known)) {
+        let known = ReferenceCache::default();
+        match pipeline.judge(&self.gpu, &[])?(&Judge::new(scene, &known)) {
             Ok(judged) => {
                 exact.quantities.extend(judged.quantities);
                 exact.errors =

@@ -1,14 +1,16 @@
 //! Executor on the real device: builds cells, runs their frames, and writes their records.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::Path;
-use std::time::{Instant, SystemTime};
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use image::RgbImage;
 use itertools::Itertools as _;
 
+use super::beside::Beside;
 use super::difference::References;
 use super::outcome::{CellFindings, build_record};
 use super::plan::{PlannedCell, PlannedExperiment};
@@ -18,7 +20,7 @@ use super::sample::{self, CostForecast, Executor, Failure};
 use super::schedule::{CellState, Schedule};
 use super::{MAX_PASSES, host, picture, views};
 use fathom_base::folder::Dir;
-use fathom_base::print;
+use fathom_base::{print, quiet};
 use fathom_clock::Samples;
 use fathom_experiments::CellPlan;
 use fathom_experiments::schema::{Experiment, Pictures};
@@ -28,7 +30,7 @@ use fathom_gpu::{
     Pacer, Stage, StageCounters, Waker,
 };
 use fathom_pipelines as pipelines;
-use fathom_pipelines::{AnyPipeline, CountedReads, Judge, ReferenceCache};
+use fathom_pipelines::{AnyPipeline, CountedReads, Judge, Judging, ReferenceCache};
 use fathom_record::output::picture_path;
 use fathom_record::{
     Begun, Ceiling, Cell, Earlier, MachineState, Measured, Note, NoteKind, Outcome, Picture,
@@ -50,7 +52,9 @@ pub struct Session {
     waker: Waker,
     pacer: Pacer,
     references: References,
-    cache: ReferenceCache,
+    cache: Arc<ReferenceCache>,
+    /// What needs no device.
+    pub beside: Beside<Done>,
     reopened: bool,
     /// By pipeline: the first cell that was built, which tells its CPU costs, as the numbers of its experiment and its own.
     hosts: BTreeMap<String, (usize, usize)>,
@@ -72,33 +76,55 @@ impl RunTimes {
         *self.set_up_s.entry(on).or_default() += (now - start).as_secs_f64();
         now
     }
+
+    fn add(&mut self, took_s: &BTreeMap<SetUp, f64>) {
+        took_s.iter().for_each(|(on, s)| *self.set_up_s.entry(*on).or_default() += s);
+    }
 }
 
 impl Session {
-    /// With the clocks and the adapter's limits, and what was spent up to now.
+    /// With the clocks and the adapter's limits, cores beside, and what was spent up to now.
     pub fn new(
         gpu: Gpu,
         options: gpu::Options,
         (plan, pacer): (ClockPlan, Pacer),
         ceilings: Vec<Ceiling>,
+        workers: Option<usize>,
         times: RunTimes,
     ) -> Result<Self, GpuError> {
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
+        let others = if gpu.adapter.software { 1 } else { quiet::cores_before().len().max(1) } - 1;
         Ok(Self {
             machine: MachineReader::open(&gpu.adapter),
             waker: Waker::default(),
             pacer,
-            gpu,
             options,
             plan,
             ceilings,
             timer,
             references: References::default(),
-            cache: ReferenceCache::load(),
+            cache: Arc::new(ReferenceCache::load()),
+            beside: Beside::new(workers.unwrap_or(others)),
+            gpu,
             reopened: false,
             hosts: BTreeMap::new(),
             times,
         })
+    }
+
+    /// Puts each stage's share of its limit into the record of a cell whose figures are known.
+    pub fn add_shares(&mut self, measured: &mut Measured) -> Result<(), String> {
+        let Self { gpu, plan, ceilings, .. } = self;
+        let again = |limit| gpu::measure(gpu, *plan, limit);
+        super::ceilings::add_shares(measured, ceilings, again)
+    }
+
+    /// The same before they are: a share above 100 % is not believed, nor its limit measured again.
+    fn add_possible_shares(&self, measured: &mut Measured) {
+        for stage in &mut measured.stages {
+            let share = stage.share_of(&self.ceilings);
+            stage.ceiling = share.filter(|share| !share.is_impossible());
+        }
     }
 
     /// Opens the device anew after its loss, once, or says why that is not possible.
@@ -123,12 +149,58 @@ pub struct CellProgress {
     pub samples: BTreeMap<usize, Samples>,
     /// Of each cell, once it was found out.
     pub findings: BTreeMap<usize, CellFindings>,
+    /// Of these they are found out beside.
+    awaited: BTreeSet<usize>,
     counters: BTreeMap<usize, Vec<StageCounters>>,
     /// A picture has been tried.
     pictured: bool,
 }
 
+/// What was done beside.
+pub enum Done {
+    Findings(Box<Found>),
+    Report(Duration),
+}
+
+/// What was found out about a cell: the numbers of its experiment and its own, and what parts of it took, seconds.
+pub struct Found {
+    pub place: (usize, usize),
+    findings: CellFindings,
+    took_s: BTreeMap<SetUp, f64>,
+}
+
+/// Writes a picture from what was read back.
+type WritePicture = Box<dyn FnOnce(&Judge<'_>, &mut CellFindings) + Send>;
+
+const NO_ERRORS: &str = "errors not computed";
+
+fn no_picture(shows: PictureKind) -> &'static str {
+    match shows {
+        PictureKind::Image => "no picture",
+        PictureKind::Error => "no picture of the error",
+    }
+}
+
 impl CellProgress {
+    fn is_read(&self, cell: usize) -> bool {
+        self.findings.contains_key(&cell) || self.awaited.contains(&cell)
+    }
+
+    fn found(&mut self, cell: usize, findings: CellFindings) {
+        self.awaited.remove(&cell);
+        self.findings.insert(cell, findings);
+    }
+
+    /// Puts what was found out beside into the cell's latest record, if it still has one.
+    pub fn complete(&mut self, found: Found, name: &str) -> Option<&mut Measured> {
+        self.found(found.place.1, found.findings.clone());
+        let Outcome::Measured(measured) = &mut self.records.get_mut(name)?.outcome else {
+            return None;
+        };
+        found.findings.add_to(measured);
+        Some(measured)
+    }
+
     /// With the records of earlier runs, and those by resume key whose samples may be gone on with.
     pub fn new(
         planned: &PlannedExperiment,
@@ -158,7 +230,7 @@ impl CellProgress {
 }
 
 /// Executes a batch of cells of one experiment.
-pub struct CellExecutor<'a, 'r> {
+pub struct CellExecutor<'a> {
     session: &'a mut Session,
     experiment: &'a Experiment,
     /// The experiment's number in the schedule.
@@ -167,7 +239,7 @@ pub struct CellExecutor<'a, 'r> {
     quantities: Vec<String>,
     cells: &'a [PlannedCell],
     built: BTreeMap<usize, BuiltCell>,
-    output: &'a mut RunOutput<'r>,
+    output: &'a mut RunOutput,
     progress: &'a mut CellProgress,
     schedule: &'a mut Schedule,
 }
@@ -202,10 +274,10 @@ impl CellFindings {
     }
 }
 
-impl<'a, 'r> CellExecutor<'a, 'r> {
+impl<'a> CellExecutor<'a> {
     pub fn new(
         session: &'a mut Session,
-        output: &'a mut RunOutput<'r>,
+        output: &'a mut RunOutput,
         number: usize,
         planned: &'a PlannedExperiment,
         progress: &'a mut CellProgress,
@@ -240,9 +312,9 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         &mut self.schedule.cells[self.number][cell]
     }
 
-    /// Figures that need a read-back, errors against references, and a picture: what can fail here is
-    /// noted and costs no measurement.
-    fn find(&mut self, cell: usize, built: &BuiltCell) -> CellFindings {
+    /// Reads figures and pictures back, and gives the task that computes errors from them: what can fail is noted and costs no
+    /// measurement.
+    fn read(&mut self, cell: usize, built: &BuiltCell) -> impl FnOnce() -> Found + Send + 'static {
         let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
         let mut findings = CellFindings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
@@ -256,17 +328,13 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             }
         }
         let start = self.session.times.since(start, SetUp::Quantities);
-        let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
-            findings.errors = judged.errors;
-            findings.notes.extend(judged.notes);
-            judged.quantities
-        });
-        findings.add("errors not computed", judged);
+        let judging = pipeline.judge(&self.session.gpu, &self.quantities);
+        let judging = findings.noted(NoteKind::NotComputed, NO_ERRORS, judging);
         let start = self.session.times.since(start, SetUp::Errors);
         self.views(cell, pipeline, &mut findings);
         self.compare(cell, pipeline, &mut findings);
         let start = self.session.times.since(start, SetUp::Comparisons);
-        self.pictures(cell, pipeline, &mut findings);
+        let pictures = self.read_pictures(cell, pipeline, &mut findings);
         let start = self.session.times.since(start, SetUp::Pictures);
         let is_late = self.now_s() >= self.output.deadline_s();
         let plan = &self.cells[cell].plan;
@@ -278,18 +346,30 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
         }
         times.since(start, SetUp::Quantities);
-        findings
-    }
-
-    fn judge(&mut self, cell: usize) -> Judge<'_> {
-        let Session { gpu, cache, .. } = &mut *self.session;
-        let requested = &self.quantities;
+        let scene = Arc::clone(&self.cells[cell].subject.scene);
+        let cache = Arc::clone(&self.session.cache);
         let max_points = match self.output.header.profile {
             Profile::Quick => pipelines::MAX_POINTS_QUICK,
             Profile::Paper => pipelines::MAX_POINTS,
         };
-        let judge = Judge::new(gpu, &self.cells[cell].subject.scene, cache);
-        Judge { requested, max_points, ..judge }
+        let place = (self.number, cell);
+        move || {
+            let judge = Judge { max_points, ..Judge::new(&scene, &cache) };
+            let mut times = RunTimes::default();
+            let start = Instant::now();
+            if let Some(judging) = judging {
+                let judged = judging(&judge).map(|judged| {
+                    findings.errors = judged.errors;
+                    findings.notes.extend(judged.notes);
+                    judged.quantities
+                });
+                findings.add(NO_ERRORS, judged);
+            }
+            let start = times.since(start, SetUp::Errors);
+            pictures.into_iter().for_each(|write| write(&judge, &mut findings));
+            times.since(start, SetUp::Pictures);
+            Found { place, findings, took_s: times.set_up_s }
+        }
     }
 
     /// How views of the cell differ, where that is asked.
@@ -323,57 +403,78 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         }
     }
 
-    fn pictures(&mut self, cell: usize, pipeline: &AnyPipeline, findings: &mut CellFindings) {
+    /// What writes them, one after the other.
+    fn read_pictures(
+        &mut self,
+        cell: usize,
+        pipeline: &AnyPipeline,
+        findings: &mut CellFindings,
+    ) -> Vec<WritePicture> {
         let later = std::mem::replace(&mut self.progress.pictured, true);
         if later && self.experiment.pictures == Pictures::First {
-            return;
+            return Vec::new();
         }
-        let plan = &self.cells[cell].plan;
-        let [mut image, mut of_error] = [PictureKind::Image, PictureKind::Error].map(|shows| {
-            let path = picture_path(&plan.experiment, &plan.cell, shows);
-            Picture { path, shows, scale: None }
-        });
-        image.scale = pipeline.shows_visibility().then_some(PictureScale::Visibility);
-        let folder = self.output.folder.output.folder.clone();
-        let save = |picture: &RgbImage, name: &str| {
-            let folder =
-                Dir::open(&folder).map_err(|source| picture::write_error(&folder, source))?;
-            picture::write(picture, &folder, Path::new(name))
-        };
-        let read = picture::read_downscaled(&self.session.gpu, pipeline, 1);
-        let saved = read.and_then(|picture| save(&picture, &image.path));
-        let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
-        findings.pictures.extend(saved.map(|()| image));
-        if self.experiment.error_picture {
-            let made = pipeline.error_picture(&mut self.judge(cell)).map_err(anyhow::Error::from);
-            let saved = made.and_then(|(picture, scale)| {
-                of_error.scale = Some(scale);
-                save(&picture, &of_error.path)
+        let CellPlan { experiment, cell, .. } = &self.cells[cell].plan;
+        let write = |shows: PictureKind, draw: Judging<(RgbImage, Option<PictureScale>)>| {
+            let path = picture_path(experiment, cell, shows);
+            let folder = self.output.folder.output.folder.clone();
+            let write: WritePicture = Box::new(move |judge, findings| {
+                let drawn = draw(judge).map_err(anyhow::Error::from);
+                let saved = drawn.and_then(|(drawn, scale)| {
+                    let opened = Dir::open(&folder);
+                    let folder = opened.map_err(|source| picture::write_error(&folder, source))?;
+                    picture::write(&drawn, &folder, Path::new(&path))?;
+                    Ok(Picture { path, shows, scale })
+                });
+                let saved = findings.noted(NoteKind::NoPicture, no_picture(shows), saved);
+                findings.pictures.extend(saved);
             });
-            let saved = findings.noted(NoteKind::NoPicture, "no picture of the error", saved);
-            findings.pictures.extend(saved.map(|()| of_error));
-        }
+            write
+        };
+        let (gpu, shows_visibility) = (&self.session.gpu, pipeline.shows_visibility());
+        let failure = no_picture(PictureKind::Image);
+        let image = findings.noted(NoteKind::NoPicture, failure, picture::read(gpu, pipeline));
+        let image = image.map(|pixels| {
+            let scale = shows_visibility.then_some(PictureScale::Visibility);
+            let draw =
+                move |_: &Judge<'_>| Ok((picture::downscaled(&pixels, shows_visibility, 1), scale));
+            write(PictureKind::Image, Box::new(draw))
+        });
+        let of_error = self.experiment.error_picture.then(|| pipeline.error_picture(gpu));
+        let failure = no_picture(PictureKind::Error);
+        let of_error = of_error.and_then(|of| findings.noted(NoteKind::NoPicture, failure, of));
+        let of_error = of_error.map(|draw| {
+            let draw = |judge: &Judge<'_>| draw(judge).map(|(drawn, scale)| (drawn, Some(scale)));
+            write(PictureKind::Error, Box::new(draw))
+        });
+        image.into_iter().chain(of_error).collect()
     }
 
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
     fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
         let built = self.built.remove(&cell).ok_or("its pipeline is gone")?;
-        let start = Instant::now();
-        let known = self.progress.findings.get(&cell).cloned();
-        let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, &built)));
-        if let Some(reason) = self.session.gpu.loss_reason() {
-            // A later attempt may find what could not be found then.
-            return Err(sample::device_lost(&reason));
-        }
-        if is_new {
+        if !self.progress.is_read(cell) {
+            let start = Instant::now();
+            let task = self.read(cell, &built);
+            if let Some(reason) = self.session.gpu.loss_reason() {
+                // A later attempt may find what could not be found then.
+                return Err(sample::device_lost(&reason));
+            }
+            self.progress.awaited.insert(cell);
+            let found = self.session.beside.run(|| Done::Findings(Box::new(task())));
+            if let Some(Done::Findings(found)) = found {
+                self.session.times.add(&found.took_s);
+                self.progress.found(cell, found.findings);
+            }
             self.state(cell).costs.finish_s = Some(start.elapsed().as_secs_f64());
-            self.progress.findings.insert(cell, found.clone());
         }
-        let mut measured = self.build_record(cell, samples, &built.pipeline, found);
+        let mut measured = self.build_record(cell, samples, &built.pipeline);
         self.built.insert(cell, built);
-        let Session { gpu, plan, ceilings, .. } = &mut *self.session;
-        let again = |limit| gpu::measure(gpu, *plan, limit);
-        super::ceilings::add_shares(&mut measured, ceilings, again)?;
+        if self.progress.findings.contains_key(&cell) {
+            self.session.add_shares(&mut measured)?;
+        } else {
+            self.session.add_possible_shares(&mut measured);
+        }
         Ok(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
     }
 
@@ -389,14 +490,10 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         Ok(())
     }
 
-    fn build_record(
-        &self,
-        cell: usize,
-        samples: &Samples,
-        pipeline: &AnyPipeline,
-        found: CellFindings,
-    ) -> Measured {
-        let counters = self.progress.counters.get(&cell).map_or(&[][..], Vec::as_slice);
+    fn build_record(&self, cell: usize, samples: &Samples, pipeline: &AnyPipeline) -> Measured {
+        let CellProgress { counters, findings, .. } = &*self.progress;
+        let counters = counters.get(&cell).map_or(&[][..], Vec::as_slice);
+        let found = findings.get(&cell).cloned().unwrap_or_else(CellFindings::unfinished);
         build_record(samples, pipeline, counters, found)
     }
 
@@ -439,7 +536,7 @@ impl From<GpuError> for Failure {
     }
 }
 
-impl Executor for CellExecutor<'_, '_> {
+impl Executor for CellExecutor<'_> {
     type Fatal = RecordError;
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
@@ -449,7 +546,7 @@ impl Executor for CellExecutor<'_, '_> {
         let Session { gpu, times, hosts, .. } = &mut *self.session;
         let begun = Instant::now();
         let pipeline = subject.build_planned(gpu)?;
-        if !plan.errors_only && !self.progress.findings.contains_key(&cell) {
+        if !plan.errors_only && !self.progress.is_read(cell) {
             hosts.entry(plan.pipeline.clone()).or_insert((self.number, cell));
         }
         times.since(begun, SetUp::Pipelines);
@@ -463,6 +560,7 @@ impl Executor for CellExecutor<'_, '_> {
 
     fn wake(&mut self) -> Result<(), Failure> {
         let Session { gpu, waker, .. } = &mut *self.session;
+        gpu.flush().map_err(GpuError::from)?;
         Ok(waker.wake(gpu)?)
     }
 
@@ -495,17 +593,14 @@ impl Executor for CellExecutor<'_, '_> {
     fn save(&mut self, cell: usize, samples: &Samples) -> Result<(), RecordError> {
         let Some(built) = self.built.get(&cell) else { return Ok(()) };
         let samples = samples.clone();
-        let found =
-            self.progress.findings.get(&cell).cloned().unwrap_or_else(CellFindings::unfinished);
-        let mut measured = self.build_record(cell, &samples, &built.pipeline, found);
-        for stage in &mut measured.stages {
-            let share = stage.share_of(&self.session.ceilings);
-            // Before it is believed the limit is measured again, when the cell is finished.
-            stage.ceiling = share.filter(|share| !share.is_impossible());
-        }
+        let mut measured = self.build_record(cell, &samples, &built.pipeline);
+        self.session.add_possible_shares(&mut measured);
         let record = self.cells[cell].record(Outcome::Measured(Box::new(measured)));
         self.state(cell).visits = samples.count_visits();
         self.progress.samples.insert(cell, samples);
+        if self.progress.awaited.contains(&cell) {
+            self.progress.records.insert(record.cell.clone(), record.clone());
+        }
         self.output.folder.writer.append_unsynced(&[Record::Cell(Box::new(record))])
     }
 

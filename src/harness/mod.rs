@@ -4,6 +4,7 @@
 //! an [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
 
 pub mod assets;
+pub mod beside;
 pub mod catalog;
 pub mod ceilings;
 pub mod difference;

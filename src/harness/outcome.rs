@@ -46,46 +46,51 @@ impl CellFindings {
         let text = "written while it was measured, before its figures other than times were read";
         Self { notes: vec![Note::new(NoteKind::Unfinished, text)], ..Self::default() }
     }
+
+    /// Puts them into a record, in place of those that it has. Quantities that are not finite are left out and noted.
+    pub fn add_to(self, measured: &mut Measured) {
+        let Self { mut quantities, repeated, mut errors, reads, mut notes, pictures, host } = self;
+        measured.notes.retain(|note| SAMPLE_NOTES.contains(&note.kind));
+        notes.append(&mut measured.notes);
+        let mut is_finite = |name: &str, value: f64| {
+            let left_out = || format!("{name} left out: it is not a finite number");
+            notes.extend((!value.is_finite()).then(|| Note::new(NoteKind::NotFinite, left_out())));
+            value.is_finite()
+        };
+        quantities.retain(|name, value| is_finite(name, *value));
+        errors.retain(|error| is_finite(&error.name, error.value));
+        let mut stages = std::mem::take(&mut measured.stages);
+        stages.iter_mut().for_each(|of| of.reads = reads.get(&of.stage).copied());
+        let of_samples = std::mem::take(measured);
+        *measured =
+            Measured { stages, quantities, repeated, errors, notes, pictures, host, ..of_samples };
+    }
 }
 
-/// The record of a measured cell. Quantities that are not finite are left out and noted.
+/// The record of a measured cell.
 pub fn build_record(
     samples: &Samples,
     pipeline: &AnyPipeline,
     counters: &[StageCounters],
     found: CellFindings,
 ) -> Measured {
-    let frame = frame_record(samples);
-    let CellFindings { mut quantities, repeated, mut errors, reads, mut notes, pictures, host } =
-        found;
-    notes.extend(sampling_notes(samples));
-    let mut is_finite = |name: &str, value: f64| {
-        let left_out = || format!("{name} left out: it is not a finite number");
-        notes.extend((!value.is_finite()).then(|| Note::new(NoteKind::NotFinite, left_out())));
-        value.is_finite()
-    };
-    quantities.retain(|name, value| is_finite(name, *value));
-    errors.retain(|error| is_finite(&error.name, error.value));
-    Measured {
-        stages: stage_records(samples, pipeline, counters, &reads),
-        frame,
+    let mut measured = Measured {
+        stages: stage_records(samples, pipeline, counters),
+        frame: frame_record(samples),
         allocated_bytes: pipeline.allocated_bytes(),
-        quantities,
-        repeated,
-        errors,
         warm_up_frames: samples.warm_up_frames,
         rejected: samples.rejected_frames(),
-        notes,
-        pictures,
-        host,
-    }
+        notes: sampling_notes(samples),
+        ..Measured::default()
+    };
+    found.add_to(&mut measured);
+    measured
 }
 
 fn stage_records(
     samples: &Samples,
     pipeline: &AnyPipeline,
     counters: &[StageCounters],
-    reads: &BTreeMap<String, Reads>,
 ) -> Vec<StageRecord> {
     let stages = pipeline.stages();
     let mut names: Vec<&str> = samples.stages().iter().map(|stage| stage.stage.as_str()).collect();
@@ -104,7 +109,6 @@ fn stage_records(
             counters,
             passes: passes.into_iter().collect(),
             targets: targets.into_iter().collect(),
-            reads: reads.get(name).copied(),
             ..stage_record(samples, index, name)
         }
     };

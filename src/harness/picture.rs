@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Result, anyhow};
 
 use fathom_base::folder::{self, Dir};
-use fathom_gpu::{Gpu, read_texture};
+use fathom_gpu::{Gpu, GpuError, Pixels, read_texture};
 use fathom_pipelines::AnyPipeline;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{Rgb, RgbImage};
@@ -14,21 +14,25 @@ use image::{Rgb, RgbImage};
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;
 
-/// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not, and `factor` times smaller: each pixel
-/// is the mean of a square of them. Light is averaged as light, visibility as it is.
-pub fn read_downscaled(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImage> {
+/// The image of the last frame, drawn first where the frame does not.
+pub fn read(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<Pixels, GpuError> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;
     }
-    let pixels = read_texture(gpu, pipeline.image())?;
-    let gamma = if pipeline.shows_visibility() { 1.0 } else { GAMMA };
+    read_texture(gpu, pipeline.image())
+}
+
+/// The image that was read, opaque, row 0 at the top, and `factor` times smaller: each pixel is the mean of a square of them. Light is
+/// averaged as light, visibility as it is.
+pub fn downscaled(pixels: &Pixels, shows_visibility: bool, factor: u32) -> RgbImage {
+    let gamma = if shows_visibility { 1.0 } else { GAMMA };
     let pixel = |x: u32, y: u32| {
         let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (i, j)));
         let texels = square.map(|(i, j)| pixels.texel(x * factor + i, y * factor + j));
         Rgb(mean(texels, gamma))
     };
-    Ok(RgbImage::from_fn(pixels.width / factor, pixels.height / factor, pixel))
+    RgbImage::from_fn(pixels.width / factor, pixels.height / factor, pixel)
 }
 
 /// The mean of display values of this gamma, as bytes. A single value is not changed.

@@ -6,7 +6,7 @@ use image::RgbImage;
 use super::picture;
 use super::subject::Subject;
 use fathom_gpu::{Gpu, GpuError};
-use fathom_pipelines::{AnyPipeline, Judge, PixelComparison, ReferenceCache};
+use fathom_pipelines::{AnyPipeline, PixelComparison};
 
 /// Builds the subject's pipeline and runs one frame, untimed.
 pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<AnyPipeline>, GpuError> {
@@ -32,14 +32,13 @@ impl RenderedFrame {
     }
 
     pub fn image(&self, gpu: &Gpu) -> Result<RgbImage> {
-        picture::read_downscaled(gpu, self.pipeline.as_ref(), self.factor)
+        let pixels = picture::read(gpu, self.pipeline.as_ref())?;
+        Ok(picture::downscaled(&pixels, self.pipeline.shows_visibility(), self.factor))
     }
 
     /// See [`PipelineInstance::compare_pixels`](fathom_pipelines::PipelineInstance::compare_pixels).
     pub fn compare_pixels(&self, gpu: &Gpu, subject: &Subject) -> Result<PixelComparison> {
-        let references = &mut ReferenceCache::load();
-        let judge = Judge::new(gpu, &subject.scene, references);
-        let compared = self.pipeline.compare_pixels(&judge)?;
+        let compared = self.pipeline.compare_pixels(gpu, &subject.scene)?;
         compared.with_context(|| format!("pipeline {} has no such panel", subject.kind.name))
     }
 }

@@ -1,10 +1,13 @@
 //! Output of a run: its records, and reports of the records so far, which the caller makes.
 
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use itertools::Itertools as _;
 
+use super::beside::Beside;
+use super::executor::Done;
 use super::progress::Progress;
 use super::schedule::Schedule;
 use fathom_record::output::Recording;
@@ -23,32 +26,48 @@ const GROWTH: f64 = 1.5;
 const UNSEEN: Duration = Duration::from_millis(500);
 
 /// Makes a report of these records in this folder.
-pub type MakeReport<'r> = &'r mut dyn FnMut(&Path, &[Record], RunProgress);
+pub type MakeReport = Arc<dyn Fn(&Path, &[Record], RunProgress) + Send + Sync>;
 
 /// When reports are made.
-pub struct Reports<'r> {
-    report: MakeReport<'r>,
+pub struct Reports {
+    report: MakeReport,
     pub budget_s: f64,
     /// The end of the latest, and how long it took.
     latest: Option<(Instant, Duration)>,
-    /// All together, seconds.
+    /// One is made beside.
+    is_made: bool,
+    /// The run has ended: none is written over the last.
+    ended: Arc<Mutex<bool>>,
+    /// What the run has waited for all of them, seconds.
     pub spent_s: f64,
 }
 
-impl<'r> Reports<'r> {
-    pub fn new(report: MakeReport<'r>, budget_s: f64) -> Self {
-        Self { report, budget_s, latest: None, spent_s: 0.0 }
+impl Reports {
+    pub fn new(report: MakeReport, budget_s: f64) -> Self {
+        let ended = Arc::default();
+        Self { report, budget_s, latest: None, is_made: false, ended, spent_s: 0.0 }
     }
 
     /// There was none, and one does not take too much of the budget.
     pub fn may_begin(&self) -> bool {
-        self.latest.is_none() && self.reserve_s() <= MAX_SHARE * self.budget_s
+        !self.is_made && self.latest.is_none() && self.reserve_s() <= MAX_SHARE * self.budget_s
     }
 
     /// One is due after the first, which comes when the run chooses.
     pub fn is_due(&self) -> bool {
-        self.latest
-            .is_some_and(|(end, took)| end.elapsed() >= INTERVAL.max(took.div_f64(MAX_SHARE)))
+        let is_due = |(end, took): (Instant, Duration)| {
+            end.elapsed() >= INTERVAL.max(took.div_f64(MAX_SHARE))
+        };
+        !self.is_made && self.latest.is_some_and(is_due)
+    }
+
+    pub fn made(&mut self, took: Duration) {
+        (self.is_made, self.latest) = (false, Some((Instant::now(), took)));
+    }
+
+    /// No further one is written once this returns.
+    pub fn end(&self) {
+        *self.ended.lock().unwrap_or_else(PoisonError::into_inner) = true;
     }
 
     /// Time to keep for the last one, seconds.
@@ -58,18 +77,18 @@ impl<'r> Reports<'r> {
 }
 
 /// Where records, pictures, reports and progress go.
-pub struct RunOutput<'r> {
+pub struct RunOutput {
     /// When the command began.
     pub start: Instant,
     pub folder: Recording,
     pub header: Run,
     pub progress: Progress,
-    pub reports: Reports<'r>,
+    pub reports: Reports,
     /// Everything that the file of records holds.
     pub records: Vec<Record>,
 }
 
-impl RunOutput<'_> {
+impl RunOutput {
     pub fn write(&mut self, record: Record) -> Result<(), RecordError> {
         self.folder.writer.write(&record)?;
         self.records.push(record);
@@ -100,7 +119,7 @@ impl RunOutput<'_> {
     }
 
     /// Makes a report of all records.
-    pub fn report(&mut self, schedule: &Schedule) {
+    pub fn report(&mut self, schedule: &Schedule, beside: &mut Beside<Done>) {
         let start = Instant::now();
         let standing = RunProgress {
             used_s: self.now_s(),
@@ -108,9 +127,21 @@ impl RunOutput<'_> {
             reached: schedule.all().filter(|cell| cell.recorded).count(),
             cells: schedule.all().count(),
         };
-        (self.reports.report)(&self.folder.output.folder, &self.records, standing);
-        let took = start.elapsed();
-        self.reports.latest = Some((Instant::now(), took));
-        self.reports.spent_s += took.as_secs_f64();
+        let Reports { report, ended, .. } = &self.reports;
+        let (report, ended) = (Arc::clone(report), Arc::clone(ended));
+        let (folder, records) = (self.folder.output.folder.clone(), self.records.clone());
+        self.reports.is_made = true;
+        let made = beside.run(move || {
+            let start = Instant::now();
+            let has_ended = ended.lock().unwrap_or_else(PoisonError::into_inner);
+            if !*has_ended {
+                report(&folder, &records, standing);
+            }
+            Done::Report(start.elapsed())
+        });
+        if let Some(Done::Report(took)) = made {
+            self.reports.made(took);
+        }
+        self.reports.spent_s += start.elapsed().as_secs_f64();
     }
 }

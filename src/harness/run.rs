@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 
 use super::catalog::Catalog;
-use super::executor::{self, CellExecutor, CellProgress, RunTimes, Session};
+use super::executor::{self, CellExecutor, CellProgress, Done, Found, RunTimes, Session};
 use super::plan::{self, GIVEN, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::reports::{MakeReport, Reports, RunOutput};
@@ -36,7 +36,7 @@ use fathom_record::{
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
 /// which is to stay below 2 GiB.
 const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
-const GPU_GROUP_BYTES: u64 = 2 << 30;
+pub const GPU_GROUP_BYTES: u64 = 2 << 30;
 
 /// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
 const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
@@ -65,6 +65,8 @@ pub struct RunOptions {
     pub seed: Option<u64>,
     /// The adapter's limits are not measured.
     pub no_ceilings: bool,
+    /// Cores that work beside the adapter: by default none beside a software driver, and else all but one.
+    pub workers: Option<usize>,
     /// The command line, for the record.
     pub command: Vec<String>,
 }
@@ -88,7 +90,7 @@ pub struct Summary {
 pub fn run(
     options: &RunOptions,
     start: Instant,
-    report: MakeReport<'_>,
+    report: MakeReport,
     interrupted: &AtomicBool,
 ) -> Result<Summary> {
     spread_references();
@@ -159,6 +161,7 @@ pub fn run(
             options.gpu.clone(),
             (plan, pacer),
             header.ceilings.clone(),
+            options.workers,
             spent,
         )?,
         output: RunOutput {
@@ -235,7 +238,12 @@ fn fail_crashed_cells(
     planned.iter_mut().flat_map(of).collect()
 }
 
-fn schedule(planned: &[PlannedExperiment], known: &[CellProgress], max_visits: usize) -> Schedule {
+/// Of a run that goes on with what is known.
+pub fn schedule(
+    planned: &[PlannedExperiment],
+    known: &[CellProgress],
+    max_visits: usize,
+) -> Schedule {
     let state = |(index, cell): (usize, &PlannedCell), known: &CellProgress| {
         let samples = known.samples.get(&index);
         CellState {
@@ -399,7 +407,7 @@ fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &
 
 struct Measurement<'a> {
     session: Session,
-    output: RunOutput<'a>,
+    output: RunOutput,
     group_bytes: u64,
     seed: u64,
     planned: &'a [PlannedExperiment],
@@ -442,7 +450,9 @@ impl Measurement<'_> {
         (0..planned.len()).for_each(|experiment| self.look(experiment));
         let mut outcome = Outcome::OverBudget;
         while !self.interrupted.load(Ordering::Relaxed) {
-            let (now_s, deadline_s) = (self.output.now_s(), self.output.deadline_s());
+            self.collect(Duration::ZERO)?;
+            let deadline_s = self.output.deadline_s() - self.session.beside.backlog_s();
+            let now_s = self.output.now_s();
             let batch = match self.schedule.next(now_s, deadline_s - now_s) {
                 Next::Visit(batch) => batch,
                 Next::Wait(wait_s) => {
@@ -469,10 +479,47 @@ impl Measurement<'_> {
                 break;
             }
         }
+        let is_over = |of: &Self| {
+            of.interrupted.load(Ordering::Relaxed)
+                || of.output.now_s() >= of.output.deadline_s()
+                || of.session.beside.is_idle()
+        };
+        while !is_over(self) {
+            self.collect(Duration::from_secs_f64(WAIT_S))?;
+        }
+        self.output.reports.end();
         self.output.progress.end();
         if !self.interrupted.load(Ordering::Relaxed) {
             self.record_unfinished(outcome)?;
         }
+        Ok(())
+    }
+
+    /// Takes what is done beside, or is done soon enough after the last.
+    fn collect(&mut self, within: Duration) -> Result<()> {
+        while let Some(done) = self.session.beside.next(within) {
+            match done {
+                Done::Findings(found) => self.complete(*found)?,
+                Done::Report(took) => self.output.reports.made(took),
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the record of a cell whose figures are known now.
+    fn complete(&mut self, found: Found) -> Result<()> {
+        let (number, cell) = found.place;
+        let planned = &self.planned[number].cells[cell];
+        let Some(measured) = self.progress[number].complete(found, &planned.plan.cell) else {
+            return Ok(());
+        };
+        let outcome = match self.session.add_shares(measured) {
+            Ok(()) => Outcome::Measured(Box::new(measured.clone())),
+            Err(reason) => Outcome::Failed { reason },
+        };
+        self.schedule.cells[number][cell].is_excluded = matches!(outcome, Outcome::Failed { .. });
+        self.output.finish(planned.record(outcome))?;
+        self.look(number);
         Ok(())
     }
 
@@ -481,7 +528,7 @@ impl Measurement<'_> {
         let is_first = !next.is_first && self.output.reports.may_begin();
         let is_due = is_first || self.output.reports.is_due();
         if is_due {
-            self.output.report(&self.schedule);
+            self.output.report(&self.schedule, &mut self.session.beside);
         }
         is_due
     }

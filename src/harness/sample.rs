@@ -50,7 +50,8 @@ pub trait Executor {
 
     /// Makes everything that the cell's frames need; the GPU memory it took in bytes.
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure>;
-    /// Brings the GPU out of the clocks that it idles at.
+    /// Hands uploads over that wait, which would run with whatever is submitted next, and brings the GPU out of the clocks that it
+    /// idles at.
     fn wake(&mut self) -> Result<(), Failure> {
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::collections::hash_map::{Entry, HashMap};
-use std::rc::Rc;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 use serde::Deserialize;
@@ -22,7 +22,7 @@ pub struct Subject {
     pub kind: PipelineKind,
     /// As it was asked for: a built-in name or a path.
     pub scene_name: String,
-    pub scene: Rc<Scene>,
+    pub scene: Arc<Scene>,
     /// The parameters as they are recorded, checked.
     pub params: Value,
     /// Why the scene is too large to be made; `scene` is then a small one in its place, which is never measured.
@@ -99,7 +99,7 @@ pub struct Subjects {
     catalog: Catalog,
     capacity: Option<Capacity>,
     files: HashMap<String, SceneFile>,
-    built: Vec<(SceneFile, Rc<Scene>)>,
+    built: Vec<(SceneFile, Arc<Scene>)>,
     announced: BTreeSet<String>,
     silent: bool,
 }
@@ -196,22 +196,22 @@ impl Subjects {
         })
     }
 
-    fn scene(&mut self, file: SceneFile) -> Result<Rc<Scene>, SceneError> {
+    fn scene(&mut self, file: SceneFile) -> Result<Arc<Scene>, SceneError> {
         if let Some((_, scene)) = self.built.iter().find(|(known, _)| *known == file) {
-            return Ok(Rc::clone(scene));
+            return Ok(Arc::clone(scene));
         }
         let scene = Scene::build(&file)?;
         Ok(self.keep(file, scene))
     }
 
-    fn keep(&mut self, file: SceneFile, scene: Scene) -> Rc<Scene> {
-        let scene = Rc::new(scene);
+    fn keep(&mut self, file: SceneFile, scene: Scene) -> Arc<Scene> {
+        let scene = Arc::new(scene);
         for stand_in in &scene.stand_ins {
             if !self.silent && self.announced.insert(stand_in.clone()) {
                 print::note(format!("stand-in: {stand_in}"));
             }
         }
-        self.built.push((file, Rc::clone(&scene)));
+        self.built.push((file, Arc::clone(&scene)));
         scene
     }
 }

@@ -1,10 +1,10 @@
 //! Caustics of a measured cell against a photon map: irradiance of what each pixel shows, as figures and as pictures.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use super::occlusion::signed_color;
 use super::settings::Animation;
-use super::{ErrorPicture, Errors, Judge, JudgeError};
+use super::{ErrorPicture, Errors, Judge, JudgeError, Judging};
 use fathom_base::statistics::median;
 use fathom_gpu::Pixels;
 use fathom_record::{ErrorSpan, PictureScale};
@@ -27,9 +27,10 @@ const PICTURE_FULL: f64 = 1.0;
 
 /// Irradiance of what the pixels of a picture show, W/m², as a frame has left it.
 pub struct FrameCaustics {
-    pub irradiance: Image,
+    pub irradiance: Judging<Image>,
     /// The stage that left it.
     pub stage: &'static str,
+    pub view: View,
 }
 
 /// One channel of a texture that was read.
@@ -53,23 +54,21 @@ pub struct CausticsPair {
 impl CausticsPair {
     /// # Errors
     /// A scene that the reference does not know: one with mirrors or glass.
-    pub fn new(
-        judge: &mut Judge<'_>,
-        view: &View,
-        found: &FrameCaustics,
-    ) -> Result<Self, JudgeError> {
+    pub fn new(judge: &Judge<'_>, found: FrameCaustics) -> Result<Self, JudgeError> {
         let passes_on = |object: &&Object| object.material.optics != Optics::Diffuse;
         if let Some(object) = judge.scene.objects.iter().find(passes_on) {
             return Err(JudgeError::Specular(object.name.clone()));
         }
-        let size = found.irradiance.size();
+        let FrameCaustics { irradiance, stage, view } = found;
+        let irradiance = irradiance(judge)?;
+        let size = irradiance.size();
         let block_px = block_px(size);
-        let map = map(judge, view, size, block_px);
+        let map = map(judge, &view, size, block_px);
         Ok(Self {
-            measured: found.irradiance.downsample(block_px),
+            measured: irradiance.downsample(block_px),
             exact: map.irradiance(),
-            distance_m: distances_m(judge, view, size, block_px),
-            stage: found.stage,
+            distance_m: distances_m(judge, &view, size, block_px),
+            stage,
             block_px,
             noise: map.noise(),
         })
@@ -142,7 +141,7 @@ fn block_px([width, height]: [u32; 2]) -> u32 {
 }
 
 /// Distances from the viewer along the rays through the blocks' middles.
-fn distances_m(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Image {
+fn distances_m(judge: &Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Image {
     let tracer = judge.references.geometry.tracer(judge.scene, &Animation::default());
     let [width, height] = size;
     let matrix = view.camera.view_projection(view.aspect());
@@ -156,7 +155,7 @@ fn distances_m(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32
 }
 
 /// The photon map of a view, from an earlier cell or run where it is known.
-fn map(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Rc<PhotonMap> {
+fn map(judge: &Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Arc<PhotonMap> {
     let blocks: f64 = size.iter().map(|side| f64::from(side.div_ceil(block_px))).product();
     let columns = (blocks * PHOTONS_PER_BLOCK).sqrt().ceil() as u32;
     // Photons of the whole frustum: those that the grid leaves out must be missed.
@@ -164,13 +163,12 @@ fn map(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Rc<
     let View { light, water, camera, .. } = view;
     let asked = (&frame, light, water, camera, view.aspect(), (size, block_px, columns));
     let content = judge.question("photon map", &asked);
-    let scene = judge.scene;
-    judge.references.kept_answer(content, |geometry| {
+    judge.references.kept_answer(content, || {
         let lighting = Lighting {
             frame: &frame,
             intensity_w_sr: light.intensity_w_sr,
             water,
-            tracer: &geometry.tracer(scene, &Animation::default()),
+            tracer: &judge.references.geometry.tracer(judge.scene, &Animation::default()),
             camera,
             aspect: view.aspect(),
         };

@@ -24,7 +24,7 @@ use std::any::Any;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Debug;
 use std::ops::Deref;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use thiserror::Error;
 
-use caustics_image::{CausticsPair, IMAGE_ERROR};
+use caustics_image::{CausticsPair, FrameCaustics, IMAGE_ERROR};
 use fathom_base::parameter::{self, ParamError, ParamField, Setting};
 use fathom_base::text;
 use fathom_gpu::kit::{PipelineParts, Resources};
@@ -183,15 +183,18 @@ pub trait PipelineInstance {
     ///
     /// # Errors
     /// What the GPU reports, and a scene that the reference does not know.
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.occlusion().map_or_else(|| Ok(Errors::default()), |buffers| buffers.judge(judge))
+    fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        match self.occlusion() {
+            Some(buffers) => buffers.judge(gpu),
+            None => Ok(Box::new(|_| Ok(Errors::default()))),
+        }
     }
 
-    /// Caustics of the last frame beside those of a photon map; none where there are no caustics.
+    /// Caustics of the last frame; none where there are no caustics.
     ///
     /// # Errors
     /// As [`Self::judge`].
-    fn caustics(&self, _judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
+    fn caustics(&self, _: &Gpu) -> Result<Option<FrameCaustics>, GpuError> {
         Ok(None)
     }
 
@@ -199,7 +202,7 @@ pub trait PipelineInstance {
     ///
     /// # Errors
     /// As [`Self::judge`].
-    fn compare_pixels(&self, _: &Judge<'_>) -> Result<Option<PixelComparison>, JudgeError> {
+    fn compare_pixels(&self, _: &Gpu, _: &Scene) -> Result<Option<PixelComparison>, GpuError> {
         Ok(None)
     }
 }
@@ -213,13 +216,13 @@ pub struct PixelComparison {
 /// A picture of errors, and what its colours mean.
 pub type ErrorPicture = (RgbImage, PictureScale);
 
-/// What [`PipelineInstance::judge`] works with: the device, the scene, and earlier answers of the references.
+/// Computes what follows from what was read back of a frame: on any thread, without the device.
+pub type Judging<T = Errors> = Box<dyn FnOnce(&Judge<'_>) -> Result<T, JudgeError> + Send>;
+
+/// What a [`Judging`] works with: the scene, and earlier answers of the references.
 pub struct Judge<'a> {
-    pub gpu: &'a Gpu,
-    pub scene: &'a Rc<Scene>,
-    pub references: &'a mut ReferenceCache,
-    /// Errors that take seconds are computed where they are asked for by name.
-    pub requested: &'a [String],
+    pub scene: &'a Arc<Scene>,
+    pub references: &'a ReferenceCache,
     /// Points that errors of ambient occlusion rest on at most.
     pub max_points: usize,
 }
@@ -230,12 +233,12 @@ pub const MAX_POINTS: usize = 1_500;
 pub const MAX_POINTS_QUICK: usize = 300;
 
 impl<'a> Judge<'a> {
-    pub fn new(gpu: &'a Gpu, scene: &'a Rc<Scene>, references: &'a mut ReferenceCache) -> Self {
-        Self { gpu, scene, references, requested: &[], max_points: MAX_POINTS }
+    pub fn new(scene: &'a Arc<Scene>, references: &'a ReferenceCache) -> Self {
+        Self { scene, references, max_points: MAX_POINTS }
     }
 
     /// The content of a question about the scene: its geometry and materials, and what else it is asked by.
-    fn question(&mut self, kind: &str, asked: &impl Debug) -> AnswerKey {
+    fn question(&self, kind: &str, asked: &impl Debug) -> AnswerKey {
         let scene = self.references.geometry.digest(self.scene);
         AnswerKey::new(kind).with(scene.as_bytes()).with(format!("{asked:?}").as_bytes())
     }
@@ -328,41 +331,40 @@ fn objects_of(scene: &Scene, part: Objects) -> Vec<Object> {
     scene.objects.iter().filter(|object| part.holds(&object.material)).cloned().collect()
 }
 
-/// Answers of the references, each computed once for all cells whose questions have the same content.
+/// Answers of the references, each computed once for all cells whose questions have the same content: who asks meanwhile waits.
 #[derive(Default)]
 pub struct ReferenceCache {
     /// Those of earlier runs.
     pub answers: AnswerCache,
     pub geometry: occlusion::GeometryCache,
     /// Those of this run, by the digests of their questions' content.
-    known: HashMap<String, Rc<dyn Any>>,
+    known: Mutex<HashMap<String, Answer>>,
 }
+
+/// Empty while it is computed.
+type Answer = Arc<OnceLock<Arc<dyn Any + Send + Sync>>>;
 
 impl ReferenceCache {
     /// The answer to a question of this content, which is all that `compute` reads.
-    pub fn answer<T: 'static>(
-        &mut self,
+    pub fn answer<T: Send + Sync + 'static>(
+        &self,
         content: AnswerKey,
-        compute: impl FnOnce(&mut Self) -> T,
-    ) -> Rc<T> {
-        let key = content.digest();
-        let known = self.known.get(&key).and_then(|known| Rc::clone(known).downcast().ok());
-        known.unwrap_or_else(|| {
-            let answer = Rc::new(compute(self));
-            self.known.insert(key, answer.clone());
-            answer
-        })
+        compute: impl FnOnce() -> T,
+    ) -> Arc<T> {
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let answer = Arc::clone(known.entry(content.digest()).or_default());
+        drop(known);
+        let answer = Arc::clone(answer.get_or_init(|| Arc::new(compute())));
+        answer.downcast().expect("a question's kind is part of its content")
     }
 
     /// The same; the answer is also kept for later runs with the same code of the references.
-    fn kept_answer<T: Serialize + DeserializeOwned + 'static>(
-        &mut self,
+    fn kept_answer<T: Serialize + DeserializeOwned + Send + Sync + 'static>(
+        &self,
         content: AnswerKey,
-        compute: impl FnOnce(&mut occlusion::GeometryCache) -> T,
-    ) -> Rc<T> {
-        self.answer(content.clone(), |Self { answers, geometry, .. }| {
-            answers.answer(content, || compute(geometry))
-        })
+        compute: impl FnOnce() -> T,
+    ) -> Arc<T> {
+        self.answer(content.clone(), || self.answers.answer(content, compute))
     }
 
     /// With the folder of answers that lies beside the assets that were fetched.
@@ -431,32 +433,38 @@ impl<P: PipelineInstance + ?Sized> BuiltPipeline<P> {
         self.parts.demand.allocated_bytes()
     }
 
-    /// See [`PipelineInstance::judge`]; with those against a photon map where they are asked for.
+    /// See [`PipelineInstance::judge`]; those against a photon map take seconds, and are computed where they are `requested` by name.
     ///
     /// # Errors
     /// As there.
-    pub fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let mut judged = self.pipeline.judge(judge)?;
-        if judge.requested.iter().any(|asked| asked == IMAGE_ERROR)
-            && let Some(compared) = self.pipeline.caustics(judge)?
-        {
-            let of_image = compared.errors();
-            judged.errors.extend(of_image.errors);
-            judged.quantities.extend(of_image.quantities);
-        }
-        Ok(judged)
+    pub fn judge(&self, gpu: &Gpu, requested: &[String]) -> Result<Judging, GpuError> {
+        let judging = self.pipeline.judge(gpu)?;
+        let is_asked = requested.iter().any(|asked| asked == IMAGE_ERROR);
+        let caustics = if is_asked { self.pipeline.caustics(gpu)? } else { None };
+        Ok(Box::new(move |judge| {
+            let mut judged = judging(judge)?;
+            if let Some(caustics) = caustics {
+                let of_image = CausticsPair::new(judge, caustics)?.errors();
+                judged.errors.extend(of_image.errors);
+                judged.quantities.extend(of_image.quantities);
+            }
+            Ok(judged)
+        }))
     }
 
     /// A picture of the error of ambient occlusion or of caustics, point by point, and what its colours mean.
     ///
     /// # Errors
-    /// As [`PipelineInstance::judge`], and pipelines with neither.
-    pub fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+    /// As [`PipelineInstance::judge`]; pipelines with neither when it is made.
+    pub fn error_picture(&self, gpu: &Gpu) -> Result<Judging<ErrorPicture>, GpuError> {
         if let Some(buffers) = self.occlusion() {
-            return buffers.error_picture(judge);
+            return buffers.error_picture(gpu);
         }
-        let caustics = self.pipeline.caustics(judge)?;
-        Ok(caustics.ok_or(JudgeError::NoPicture(self.name))?.error_picture())
+        let (caustics, name) = (self.pipeline.caustics(gpu)?, self.name);
+        Ok(Box::new(move |judge| {
+            let caustics = caustics.ok_or(JudgeError::NoPicture(name))?;
+            Ok(CausticsPair::new(judge, caustics)?.error_picture())
+        }))
     }
 }
 

@@ -1,15 +1,15 @@
 //! Ambient occlusion of a measured cell against rays cast from the same points, as figures and as a picture.
 
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation};
-use super::{ErrorPicture, Errors, Judge, JudgeError, share};
+use super::{ErrorPicture, Errors, Judge, JudgeError, Judging, share, to_map};
 use fathom_base::statistics::mean;
-use fathom_gpu::{Pixels, read_texture};
+use fathom_gpu::{Gpu, GpuError, Pixels, read_texture};
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::cache::AnswerKey;
 use fathom_reference::deform::Moment;
@@ -66,15 +66,25 @@ struct JudgedPoint {
     occlusion: f64,
 }
 
-type JudgedPoints = Rc<Vec<JudgedPoint>>;
+type JudgedPoints = Arc<Vec<JudgedPoint>>;
+
+type MomentTracer = (Arc<Scene>, Animation, Arc<Tracer>);
 
 /// The last scene's hierarchy and digest.
 #[derive(Default)]
 pub struct GeometryCache {
     /// Of the last scene at a moment.
-    tracer: Option<(Rc<Scene>, Animation, Rc<Tracer>)>,
+    tracer: Mutex<Option<MomentTracer>>,
     /// Of the last scene's geometry.
-    digest: Option<(Rc<Scene>, String)>,
+    digest: Mutex<Option<(Arc<Scene>, String)>>,
+}
+
+/// What a frame left of the surfaces that are seen.
+struct SeenSurfaces {
+    depth: Pixels,
+    normal: Pixels,
+    /// Without what it says of the scene's objects.
+    question: OcclusionQuery,
 }
 
 /// What of a cell the reference depends on.
@@ -102,54 +112,78 @@ impl OcclusionBuffers {
     /// Errors `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter
     /// where there is one, the means `ao_mean` and `ao_reference_mean`, and the share of points that are falsely occluded. All in units of A, 0 open to 1 closed, over points
     /// of opaque surfaces, against rays that are cast by the same model.
-    pub(super) fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let (question, points) = self.points(judge, judge.max_points, RAYS)?;
-        let errors_of = |texture: &wgpu::Texture| -> Result<Vec<f64>, JudgeError> {
-            Ok(errors(&question, &points, &read_texture(judge.gpu, texture)?))
+    pub(super) fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        let seen = self.read_seen(gpu)?;
+        let read = |(stage, texture): &(&'static str, _)| -> Result<_, GpuError> {
+            Ok((*stage, read_texture(gpu, texture)?))
         };
-        let errors = errors_of(&self.raw.1)?;
-        let false_positives = errors.iter().filter(|error| **error > FALSE_POSITIVE).count();
-        let raw = figures("ao", self.raw.0, &errors);
-        let mean = mean(points.iter().map(|point| point.occlusion));
-        let mut judged = Errors::default();
-        judged.quantities.insert("ao_mean".to_owned(), mean + raw[1].value);
-        judged.quantities.insert("ao_reference_mean".to_owned(), mean);
-        let rate = share(false_positives, points.len());
-        judged.quantities.insert("ao_false_positive_rate".to_owned(), rate);
-        if let Some((stage, texture)) = &self.filtered {
-            let filtered = figures("ao_filtered", stage, &errors_of(texture)?).into_iter();
-            let with_before = filtered.zip(&raw).map(|(error, raw)| error.with_prefix(&raw.name));
-            judged.errors.extend(with_before);
-        }
-        judged.errors.extend(raw);
-        Ok(judged)
+        let ((stage, raw), filtered) = (read(&self.raw)?, self.filtered.as_ref().map(read));
+        let filtered = filtered.transpose()?;
+        Ok(Box::new(move |judge| {
+            let (question, points) = seen.points(judge, judge.max_points, RAYS)?;
+            let errors_of = |buffer: &Pixels| errors(&question, &points, buffer);
+            let errors = errors_of(&raw);
+            let false_positives = errors.iter().filter(|error| **error > FALSE_POSITIVE).count();
+            let raw = figures("ao", stage, &errors);
+            let mean = mean(points.iter().map(|point| point.occlusion));
+            let quantities = [
+                ("ao_mean", mean + raw[1].value),
+                ("ao_reference_mean", mean),
+                ("ao_false_positive_rate", share(false_positives, points.len())),
+            ];
+            let mut judged = Errors { quantities: to_map(quantities), ..Errors::default() };
+            if let Some((stage, buffer)) = filtered {
+                let filtered = figures("ao_filtered", stage, &errors_of(&buffer)).into_iter();
+                let after = filtered.zip(&raw).map(|(error, raw)| error.with_prefix(&raw.name));
+                judged.errors.extend(after);
+            }
+            judged.errors.extend(raw);
+            Ok(judged)
+        }))
     }
 
     /// The signed error of the buffer that the image is composed with: red where it is too dark, blue where too light,
     /// in full colour from ±0.25 on, grey where nothing is drawn or compared.
-    pub(super) fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        let (question, points) = self.points(judge, PICTURE_POINTS, PICTURE_RAYS)?;
-        let errors = errors(&question, &points, &read_texture(judge.gpu, self.visibility())?);
-        let picture = paint(&question, &points, &errors);
-        Ok((picture, PictureScale::OcclusionError(ErrorSpan::new(PICTURE_FULL, errors))))
+    pub(super) fn error_picture(&self, gpu: &Gpu) -> Result<Judging<ErrorPicture>, GpuError> {
+        let (seen, shown) = (self.read_seen(gpu)?, read_texture(gpu, self.visibility())?);
+        Ok(Box::new(move |judge| {
+            let (question, points) = seen.points(judge, PICTURE_POINTS, PICTURE_RAYS)?;
+            let errors = errors(&question, &points, &shown);
+            let picture = paint(&question, &points, &errors);
+            Ok((picture, PictureScale::OcclusionError(ErrorSpan::new(PICTURE_FULL, errors))))
+        }))
     }
 
+    fn read_seen(&self, gpu: &Gpu) -> Result<SeenSurfaces, GpuError> {
+        let depth = read_texture(gpu, &self.gbuffer.depth)?;
+        let question = OcclusionQuery {
+            opaque: Vec::new(),
+            alphas: Vec::new(),
+            camera: self.camera.clone(),
+            size_px: [depth.width, depth.height],
+            r_max_m: self.r_max_m,
+            model: self.model,
+            animation: self.animation.clone(),
+            buffer_px: [self.raw.1.width(), self.raw.1.height()],
+        };
+        Ok(SeenSurfaces { depth, normal: read_texture(gpu, &self.gbuffer.normal)?, question })
+    }
+}
+
+impl SeenSurfaces {
     fn points(
         &self,
-        judge: &mut Judge<'_>,
+        judge: &Judge<'_>,
         max: usize,
         rays: u32,
     ) -> Result<(OcclusionQuery, JudgedPoints), JudgeError> {
-        let question = self.question(judge.scene);
-        let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
-        let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
+        let (question, Self { depth, normal, .. }) = (self.question(judge.scene), self);
         let content = judge.question("occlusion", &(&question, max, rays));
         let of_texels = |all: AnswerKey, one: &Pixels| all.with(bytemuck::cast_slice(&one.data));
-        let content = [&depth, &normal].into_iter().fold(content, of_texels);
-        let scene = judge.scene;
-        let points = judge.references.kept_answer(content, |geometry| {
-            let tracer = geometry.tracer(scene, &question.animation);
-            cast(&question, &tracer, &depth, &normal, max, rays)
+        let content = [depth, normal].into_iter().fold(content, of_texels);
+        let points = judge.references.kept_answer(content, || {
+            let tracer = judge.references.geometry.tracer(judge.scene, &question.animation);
+            cast(&question, &tracer, depth, normal, max, rays)
         });
         if points.is_empty() {
             return Err(JudgeError::Nothing);
@@ -158,52 +192,48 @@ impl OcclusionBuffers {
     }
 
     fn question(&self, scene: &Scene) -> OcclusionQuery {
-        let (raw, depth) = (&self.raw.1, &self.gbuffer.depth);
         let materials = || scene.objects.iter().map(|object| &object.material);
-        let alpha = |material: &Material| match self.model {
+        let alpha = |material: &Material| match self.question.model {
             RayModel::Through => f64::from(material.alpha),
             RayModel::First(_) | RayModel::ThroughOpaque => 1.0,
         };
         OcclusionQuery {
             opaque: materials().map(Material::is_opaque).collect(),
             alphas: materials().map(alpha).collect(),
-            camera: self.camera.clone(),
-            size_px: [depth.width(), depth.height()],
-            r_max_m: self.r_max_m,
-            model: self.model,
-            animation: self.animation.clone(),
-            buffer_px: [raw.width(), raw.height()],
+            ..self.question.clone()
         }
     }
 }
 
 impl GeometryCache {
-    pub(super) fn digest(&mut self, scene: &Rc<Scene>) -> String {
-        if let Some((known, digest)) = &self.digest
-            && Rc::ptr_eq(known, scene)
+    pub(super) fn digest(&self, scene: &Arc<Scene>) -> String {
+        let mut held = self.digest.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, digest)) = &*held
+            && Arc::ptr_eq(known, scene)
         {
             return digest.clone();
         }
         let digest = digest(scene);
-        self.digest = Some((Rc::clone(scene), digest.clone()));
+        *held = Some((Arc::clone(scene), digest.clone()));
         digest
     }
 
-    pub(super) fn tracer(&mut self, scene: &Rc<Scene>, animation: &Animation) -> Rc<Tracer> {
-        if let Some((known, moment, tracer)) = &self.tracer
-            && Rc::ptr_eq(known, scene)
+    pub(super) fn tracer(&self, scene: &Arc<Scene>, animation: &Animation) -> Arc<Tracer> {
+        let mut held = self.tracer.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, moment, tracer)) = &*held
+            && Arc::ptr_eq(known, scene)
             && moment == animation
         {
-            return Rc::clone(tracer);
+            return Arc::clone(tracer);
         }
-        let tracer = Rc::new(match animation.motion() {
+        let tracer = Arc::new(match animation.motion() {
             Some(motion) => {
                 let moved = |object| move_object(object, motion, animation);
                 Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())
             }
             None => Tracer::new(&scene.objects),
         });
-        self.tracer = Some((Rc::clone(scene), animation.clone(), Rc::clone(&tracer)));
+        *held = Some((Arc::clone(scene), animation.clone(), Arc::clone(&tracer)));
         tracer
     }
 }

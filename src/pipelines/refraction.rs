@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::screen_tracing::{self, Composition, LayeredDepth, MAX_TILES, ROWS};
 use super::settings::{self, VIEWPORT};
-use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance};
+use super::{Errors, Judging, Parameters, Pipeline, PipelineInstance};
 use super::{even_step, objects_of, share, to_map};
 use fathom_base::choices;
 use fathom_base::parameter::ParamError;
@@ -162,35 +162,47 @@ impl PipelineInstance for ScreenRefraction {
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let found = self.read_exits(judge.gpu)?;
-        let (mut angles_deg, surfaces) = self.angles_deg(&found, judge.scene)?;
-        let stage = match self.params.refraction.method {
-            ExitMethod::Trace => &trace::INFO,
-            ExitMethod::TwoInterface => &two_interface::INFO,
-        };
-        let errors = [
-            ("refraction_error_median_deg", quantile(&mut angles_deg, 0.5), "°"),
-            ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9), "°"),
-        ];
-        let GlassSettings { method, surface, .. } = self.params.refraction;
-        // The paper's method takes two layers whatever is set.
-        if method == ExitMethod::TwoInterface || surface == GlassSurface::Depth {
-            return Ok(Errors::new(stage.name, errors, []));
-        }
-        let layers = self.params.ldi.layers as usize;
-        let over = surfaces.iter().filter(|count| **count > layers).count();
-        let rate = ("layers_overflow_rate", share(over, surfaces.len()));
-        let mut judged = Errors::new(stage.name, errors, [rate]);
-        if let Some(max) = surfaces.iter().max().filter(|max| **max > layers) {
-            let of = surfaces.len();
-            let text = format!(
-                "{over} of {of} pixels of glass have more surfaces than ldi.layers = {layers}: set it to {max}"
-            );
-            judged.notes.push(Note::new(NoteKind::LayersFull, text));
-        }
-        Ok(judged)
+    fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        let found = self.read_exits(gpu)?;
+        let (settings, layers) = (self.params.refraction.clone(), self.params.ldi.layers as usize);
+        let size_px = self.view.size_px.to_array();
+        Ok(Box::new(move |judge| Ok(judged(&found, judge.scene, size_px, &settings, layers))))
     }
+}
+
+/// Of the rays that pixels' lines of sight leave the glass by.
+fn judged(
+    found: &[Option<Exit>],
+    scene: &Scene,
+    size_px: [u32; 2],
+    settings: &GlassSettings,
+    layers: usize,
+) -> Errors {
+    let GlassSettings { method, surface, count, .. } = *settings;
+    let (mut angles_deg, surfaces) = angles_deg(found, scene, size_px, count);
+    let stage = match method {
+        ExitMethod::Trace => &trace::INFO,
+        ExitMethod::TwoInterface => &two_interface::INFO,
+    };
+    let errors = [
+        ("refraction_error_median_deg", quantile(&mut angles_deg, 0.5), "°"),
+        ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9), "°"),
+    ];
+    // The paper's method takes two layers whatever is set.
+    if method == ExitMethod::TwoInterface || surface == GlassSurface::Depth {
+        return Errors::new(stage.name, errors, []);
+    }
+    let over = surfaces.iter().filter(|count| **count > layers).count();
+    let rate = ("layers_overflow_rate", share(over, surfaces.len()));
+    let mut judged = Errors::new(stage.name, errors, [rate]);
+    if let Some(max) = surfaces.iter().max().filter(|max| **max > layers) {
+        let of = surfaces.len();
+        let text = format!(
+            "{over} of {of} pixels of glass have more surfaces than ldi.layers = {layers}: set it to {max}"
+        );
+        judged.notes.push(Note::new(NoteKind::LayersFull, text));
+    }
+    judged
 }
 
 /// The box of what is seen through glass; none where there is nothing.
@@ -319,32 +331,31 @@ impl ScreenRefraction {
         };
         Ok(positions.data.chunks_exact(4).zip(directions.data.chunks_exact(4)).map(exit).collect())
     }
+}
 
-    /// Of an even selection of the pixels that show glass: angles between rays and exact ones, and how many surfaces of glass lie behind each.
-    fn angles_deg(
-        &self,
-        found: &[Option<Exit>],
-        scene: &Scene,
-    ) -> Result<(Vec<f64>, Vec<usize>), JudgeError> {
-        let objects = objects_of(scene, Objects::Glass);
-        let (tracer, off_m) = (Tracer::new(&objects), OFF_M * scene.solid_bounds().tank_scale());
-        let surfaces =
-            Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
-        let [width, height] = self.view.size_px.to_array();
-        let rays = PixelRays::new(&scene.camera, width, height);
-        let count = self.params.refraction.count;
-        let shown = found.iter().flatten().count();
-        let step = even_step(shown, MAX_PIXELS);
-        let seen = (0..).zip(found).filter_map(|(pixel, exit)| Some((pixel, exit.as_ref()?)));
-        let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
-        let angle = |(pixel, exit): &(u32, &Exit)| {
-            let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
-            let next = |from_m| tracer.cast(origin, direction, from_m, f64::MAX);
-            let hits = successors(next(0.0), |hit| next(hit.distance_m + off_m));
-            let exact = surfaces.ray_behind(surfaces.sight(origin, direction), count)?;
-            let angle_deg = exit.direction.angle_between(exact.direction).to_degrees();
-            Some((angle_deg, hits.count()))
-        };
-        Ok(seen.par_iter().filter_map(angle).unzip())
-    }
+/// Of an even selection of the pixels that show glass: angles between rays and exact ones, and how many surfaces of glass lie behind each.
+fn angles_deg(
+    found: &[Option<Exit>],
+    scene: &Scene,
+    [width, height]: [u32; 2],
+    count: u32,
+) -> (Vec<f64>, Vec<usize>) {
+    let objects = objects_of(scene, Objects::Glass);
+    let (tracer, off_m) = (Tracer::new(&objects), OFF_M * scene.solid_bounds().tank_scale());
+    let surfaces =
+        Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
+    let rays = PixelRays::new(&scene.camera, width, height);
+    let shown = found.iter().flatten().count();
+    let step = even_step(shown, MAX_PIXELS);
+    let seen = (0..).zip(found).filter_map(|(pixel, exit)| Some((pixel, exit.as_ref()?)));
+    let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
+    let angle = |(pixel, exit): &(u32, &Exit)| {
+        let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
+        let next = |from_m| tracer.cast(origin, direction, from_m, f64::MAX);
+        let hits = successors(next(0.0), |hit| next(hit.distance_m + off_m));
+        let exact = surfaces.ray_behind(surfaces.sight(origin, direction), count)?;
+        let angle_deg = exit.direction.angle_between(exact.direction).to_degrees();
+        Some((angle_deg, hits.count()))
+    };
+    seen.par_iter().filter_map(angle).unzip()
 }

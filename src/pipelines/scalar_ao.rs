@@ -9,7 +9,7 @@ mod tests;
 use std::collections::BTreeMap;
 
 use super::settings::{self, VIEWPORT};
-use super::{Errors, Judge, JudgeError, Pipeline, PipelineInstance, to_map};
+use super::{Judging, Pipeline, PipelineInstance, to_map};
 use fathom_gpu::kit::{self, Resources};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
@@ -109,8 +109,8 @@ impl PipelineInstance for ScalarAo {
         Ok(to_map(figures))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.judged(judge)
+    fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        self.read(gpu)
     }
 }
 

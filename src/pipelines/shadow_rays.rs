@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
-use super::{Errors, Judge, JudgeError, Parameters, Pipeline, PipelineInstance, PixelComparison};
+use super::{Errors, Judging, Parameters, Pipeline, PipelineInstance, PixelComparison};
 use super::{exact_answers, judged_view, objects_of, occlusion::signed_color, share, to_map};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
@@ -99,27 +99,35 @@ impl PipelineInstance for ShadowRays {
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let ends = self.photons.read(gpu)?;
         let facing = ends.iter().filter(|end| end.fate() != Fate::MissedWater).count();
-        let shadowed = ends.iter().filter(|end| self.shadowed(end)).count();
+        let light = light_of(&self.view);
+        let shadowed = ends.iter().filter(|end| is_shadowed(end, &light)).count();
         Ok(to_map([
             ("facing_light_rate", share(facing, ends.len())),
             ("shadowed_rate", share(shadowed, facing)),
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let ends = self.photons.read(judge.gpu)?;
-        let compared = self.compare(&ends, judge.scene, MAX_PIXELS);
-        let pixels: Vec<InShadow> = compared.into_iter().map(|(_, pixel)| pixel).collect();
-        Ok(Errors::new(self.params.rays.method.info().name, shadow_errors(&pixels), []))
+    fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        let (ends, view) = (self.photons.read(gpu)?, self.view.clone());
+        let stage = self.params.rays.method.info().name;
+        Ok(Box::new(move |judge| {
+            let compared = compare(&view, &ends, judge.scene, MAX_PIXELS);
+            let pixels: Vec<InShadow> = compared.into_iter().map(|(_, pixel)| pixel).collect();
+            Ok(Errors::new(stage, shadow_errors(&pixels), []))
+        }))
     }
 
     /// Every pixel that faces the light: dark in shadow, white elsewhere; red where a shadow is missed, blue where one is false.
-    fn compare_pixels(&self, judge: &Judge<'_>) -> Result<Option<PixelComparison>, JudgeError> {
-        let ends = self.photons.read(judge.gpu)?;
+    fn compare_pixels(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+    ) -> Result<Option<PixelComparison>, GpuError> {
+        let ends = self.photons.read(gpu)?;
         let [width, height] = self.view.size_px.to_array();
         let mut exact = RgbImage::from_pixel(width, height, Rgb([190; 3]));
         let mut error = exact.clone();
-        for (pixel, in_shadow) in self.compare(&ends, judge.scene, ends.len()) {
+        for (pixel, in_shadow) in compare(&self.view, &ends, scene, ends.len()) {
             let [x, y] = [pixel as u32 % width, pixel as u32 / width];
             exact.put_pixel(x, y, InShadow { found: in_shadow.exact, ..in_shadow }.color());
             error.put_pixel(x, y, in_shadow.color());
@@ -162,30 +170,31 @@ fn light_of(view: &View) -> PictureLight {
     PictureLight::new(&view.camera, &view.light, &view.water)
 }
 
-impl ShadowRays {
-    fn shadowed(&self, end: &Photon) -> bool {
-        end.has_landed() && f64::from(end.distance_m) < light_of(&self.view).distance_m(end.entry())
-    }
+fn is_shadowed(end: &Photon, light: &PictureLight) -> bool {
+    end.has_landed() && f64::from(end.distance_m) < light.distance_m(end.entry())
+}
 
-    /// An even selection of at most about so many of the pixels that face the light, each with its number.
-    fn compare(&self, ends: &[Photon], scene: &Scene, max_pixels: usize) -> Vec<(usize, InShadow)> {
-        let tracer = Tracer::new(&objects_of(scene, Objects::Opaque));
-        let view = &judged_view(&self.view, scene);
-        let [width, height] = view.size_px.to_array();
-        let rays = PixelRays::new(&view.camera, width, height);
-        let off_m = OFF_M * scene.solid_bounds().tank_scale();
-        let light = light_of(view);
-        let answers = exact_answers(ends.len(), max_pixels, |pixel| {
-            let [x, y] = [pixel as u32 % width, pixel as u32 / width];
-            let place = rays.cast(&tracer, x, y)?.0.position;
-            Some(
-                tracer.cast(place, light.to_light(place), off_m, light.distance_m(place)).is_some(),
-            )
-        });
-        let facing = answers.into_iter().filter(|(n, _)| ends[*n].fate() != Fate::MissedWater);
-        let pair = |(n, exact)| (n, InShadow { found: self.shadowed(&ends[n]), exact });
-        facing.map(pair).collect()
-    }
+/// An even selection of at most about so many of the pixels that face the light, each with its number.
+fn compare(
+    drawn: &View,
+    ends: &[Photon],
+    scene: &Scene,
+    max_pixels: usize,
+) -> Vec<(usize, InShadow)> {
+    let tracer = Tracer::new(&objects_of(scene, Objects::Opaque));
+    let view = &judged_view(drawn, scene);
+    let [width, height] = view.size_px.to_array();
+    let rays = PixelRays::new(&view.camera, width, height);
+    let off_m = OFF_M * scene.solid_bounds().tank_scale();
+    let light = light_of(view);
+    let answers = exact_answers(ends.len(), max_pixels, |pixel| {
+        let [x, y] = [pixel as u32 % width, pixel as u32 / width];
+        let place = rays.cast(&tracer, x, y)?.0.position;
+        Some(tracer.cast(place, light.to_light(place), off_m, light.distance_m(place)).is_some())
+    });
+    let (facing, drawn) = (|n: usize| ends[n].fate() != Fate::MissedWater, light_of(drawn));
+    let pair = |(n, exact)| (n, InShadow { found: is_shadowed(&ends[n], &drawn), exact });
+    answers.into_iter().filter(|(n, _)| facing(*n)).map(pair).collect()
 }
 
 #[cfg(test)]

@@ -491,3 +491,11 @@ pub struct End {
     /// It was interrupted before all cells were measured.
     pub interrupted: bool,
 }
+
+impl End {
+    /// Share of the run's time in which the adapter worked on frames that were measured, warm-up included.
+    pub fn measured_share(&self) -> f64 {
+        let all_s = self.measuring_wall_s + self.set_up_s;
+        if all_s > 0.0 { self.measured_gpu_s / all_s } else { 0.0 }
+    }
+}

@@ -1,7 +1,7 @@
 //! Traced effects, by `effects.toml`: a small frame of a pipeline, judged as in a run, by the pipeline's own `judge`.
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
+use std::sync::Arc;
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -87,7 +87,7 @@ impl EffectCase {
     fn drawn(&self, rig: &Rig<'_>, set: &str) -> Checks {
         let Effect { what, checks, draws, .. } = &self.effect;
         let (file, settings) = self.file(rig, set)?;
-        let scene = Rc::new(Scene::build(&file)?);
+        let scene = Arc::new(Scene::build(&file)?);
         let frame = self.frame(rig, (&file, &scene), &settings)?;
         let mut known = BTreeMap::from([("", figures(rig, &frame, &scene)?)]);
         for (.., control) in checks {
@@ -95,7 +95,7 @@ impl EffectCase {
             let figures = if known.contains_key(control.as_str()) {
                 continue;
             } else if with_control.len() == settings.len() {
-                figures(rig, &frame, &Rc::new(Scene::build(&other)?))?
+                figures(rig, &frame, &Arc::new(Scene::build(&other)?))?
             } else {
                 figures(rig, &self.frame(rig, (&file, &scene), &with_control)?, &scene)?
             };
@@ -162,10 +162,14 @@ fn set_value(tree: &mut Value, path: &str, value: &Value) -> bool {
 }
 
 /// Errors and quantities of a frame, judged by a scene.
-fn figures(rig: &Rig<'_>, frame: &AnyPipeline, scene: &Rc<Scene>) -> Result<BTreeMap<String, f64>> {
-    let mut known = ReferenceCache::default();
-    let mut judge = Judge::new(rig.gpu, scene, &mut known);
-    let judged = frame.judge(&mut judge).map_err(|error| rig.invalid(&error))?;
+fn figures(
+    rig: &Rig<'_>,
+    frame: &AnyPipeline,
+    scene: &Arc<Scene>,
+) -> Result<BTreeMap<String, f64>> {
+    let known = ReferenceCache::default();
+    let judge = frame.judge(rig.gpu, &[])?;
+    let judged = judge(&Judge::new(scene, &known)).map_err(|error| rig.invalid(&error))?;
     let errors = judged.errors.into_iter().map(|error| (error.name, error.value));
     Ok(errors.chain(judged.quantities).chain(frame.all_quantities(rig.gpu)?).collect())
 }

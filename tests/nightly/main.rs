@@ -2,6 +2,7 @@
 //! `make test-all` installs these and runs it. Where one is missing, its test fails.
 #![cfg(target_os = "linux")]
 
+mod card;
 #[path = "../common/mod.rs"]
 mod common;
 mod faults;

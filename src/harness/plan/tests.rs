@@ -79,7 +79,7 @@ fn the_last_of_default_experiment_profile_set_and_axis_counts() {
 fn geometry_is_made_once_for_equal_scenes_and_follows_the_parameters() {
     let two = planned(&request(&[])).unwrap();
     let scene = |cell: usize| &two[0].cells[cell].subject.scene;
-    assert!(std::rc::Rc::ptr_eq(scene(0), scene(1)));
+    assert!(std::sync::Arc::ptr_eq(scene(0), scene(1)));
     let deeper = planned(&request(&[("floor_depth_m", json!(7.5))])).unwrap();
     assert_eq!(deeper[0].cells[0].subject.scene.floor_depth_m, 7.5);
 }

@@ -1,6 +1,7 @@
 //! Runs and sweeps into one folder by modelled processes that are killed, between which program, machine, mesh and settings change.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -122,4 +123,52 @@ fn no_cell_mixes_two_programs_machines_meshes_or_settings() {
         }
     }
     assert!(continued > 0 && refused > 0, "{continued} cells, {refused} runs");
+}
+
+const SHADED: &str = r#"
+id = "shaded"
+title = "t"
+source = "none"
+pipeline = "volume_ao"
+scene = "ball"
+pictures = "all"
+error_picture = true
+params = { view = { width = 48, height = 36 }, voxel.resolution = 16, shadow.size = 64 }
+[[sweep]]
+axis."ao.rays".values = [4, 8, 16]
+"#;
+
+/// Beside a driver that has cores to spare, as a card has.
+#[test]
+fn records_and_pictures_are_the_same_with_workers_and_without() {
+    let with_workers = |workers| {
+        let out = tempfile::tempdir().unwrap().path().join("out");
+        let given = Some(Experiment::parse("shaded", SHADED).unwrap());
+        let options = RunOptions {
+            request: Request { given, ..Request::default() },
+            budget_s: Some(3600.0),
+            visits: Some(1),
+            out: Some(out.clone()),
+            no_ceilings: true,
+            workers: Some(workers),
+            ..RunOptions::default()
+        };
+        let report = Arc::new(|_: &Path, _: &[Record], _| ());
+        run(&options, Instant::now(), report, &AtomicBool::new(false)).unwrap();
+        let records = record::read(&out.join("records.jsonl")).unwrap().records;
+        let cells = records.iter().filter_map(Record::try_as_cell_ref);
+        let found = cells.map(|cell| {
+            let Measured { errors, quantities, pictures, .. } = cell.measured().unwrap().clone();
+            assert!(cell.measured().unwrap().is_finished() && pictures.len() == 2, "{cell:?}");
+            let bytes = pictures.iter().map(|of| std::fs::read(out.join(&of.path)).unwrap());
+            let bytes: Vec<_> = bytes.collect();
+            (cell.cell.clone(), format!("{errors:?} {quantities:?} {pictures:?}"), bytes)
+        });
+        let mut found: Vec<_> = found.collect();
+        found.sort();
+        found
+    };
+    let alone = with_workers(0);
+    assert_eq!(alone.len(), 3);
+    assert!(alone == with_workers(2));
 }

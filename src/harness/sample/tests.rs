@@ -83,6 +83,8 @@ struct Mock {
     last_step_s: f64,
     interrupt_at_s: Option<f64>,
     interrupted: Arc<AtomicBool>,
+    /// What was uploaded waits for whoever submits next.
+    holds_uploads: bool,
 }
 
 impl Mock {
@@ -125,6 +127,7 @@ impl Mock {
     }
 
     fn frame(&mut self, cell: usize) -> Result<(f64, usize), Failure> {
+        assert!(!self.holds_uploads || self.cells[cell].untimed_only, "an upload in a visit");
         self.last_step_s = self.now_s;
         let cell = &mut self.cells[cell];
         let frame = cell.frames;
@@ -159,6 +162,7 @@ impl Executor for Mock {
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
         self.calls.push((Prepare, cell));
+        self.holds_uploads = true;
         self.last_step_s = self.now_s;
         self.now_s += self.cells[cell].prepare_s;
         if self.cells[cell].refuses {
@@ -166,6 +170,11 @@ impl Executor for Mock {
         } else {
             Ok(self.cells[cell].bytes)
         }
+    }
+
+    fn wake(&mut self) -> Result<(), Failure> {
+        self.holds_uploads = false;
+        Ok(())
     }
 
     fn time_frame(&mut self, cell: usize) -> Result<FrameSample, Failure> {
@@ -224,6 +233,8 @@ impl Executor for Mock {
             self.save(cell, samples)?;
         }
         self.last_step_s = self.now_s;
+        // Further frames are built for its figures.
+        self.holds_uploads |= result.is_ok();
         self.now_s += self.cells[cell].finish_s;
         let is_lost = std::mem::take(&mut self.cells[cell].loses_device_at_finish);
         let result = if is_lost {
@@ -255,6 +266,29 @@ impl Executor for Mock {
 
 const SETTINGS: Settings =
     Settings { deadline_s: 1e3, at_least_one: false, group_bytes: 1_000, seed: 7, first_round: 0 };
+
+/// Whatever cells cost, fail at, or have room for.
+#[test]
+fn no_upload_runs_within_a_visit() {
+    let mut random = Pcg64::seed_from_u64(5);
+    for _ in 0..1_000 {
+        let cell = |random: &mut Pcg64| MockCell {
+            prepare_s: random.random_range(0.0..1.0),
+            finish_s: random.random_range(0.0..1.0),
+            bytes: random.random_range(1..800),
+            refuses: random.random_bool(0.1),
+            untimed_only: random.random_bool(0.3),
+            faulty: if random.random_bool(0.1) { |_| true } else { |_| false },
+            loses_device_at: random.random_bool(0.05).then(|| random.random_range(0..6)),
+            ..STEADY
+        };
+        let cells: Vec<_> = (0..random.random_range(1..8)).map(|_| cell(&mut random)).collect();
+        let compared = (0..cells.len()).filter(|_| random.random_bool(0.5)).collect();
+        let deadline_s = random.random_range(1.0..30.0);
+        let mock = Mock { compared, ..Mock::new(cells) };
+        mock.run_visits(3, &Settings { deadline_s, seed: random.random(), ..SETTINGS });
+    }
+}
 
 /// Whatever its cells cost; where that is not foreseen, the step that the deadline meets is the last.
 #[test]

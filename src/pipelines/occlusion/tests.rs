@@ -101,9 +101,9 @@ fn points_behind_glass_are_judged_and_glass_is_not() {
 
 #[test]
 fn moving_geometry_is_judged_where_it_is() {
-    let scene = Rc::new(Scene::load("ball").unwrap());
+    let scene = Arc::new(Scene::load("ball").unwrap());
     let spun = Animation { deform: Deform::Wave, time_s: 1.0, ..Animation::default() };
-    let mut cache = GeometryCache::default();
+    let cache = GeometryCache::default();
     let at = |tracer: &Tracer| {
         let eye = DVec3::from(scene.camera.position_m);
         let ball = scene.objects[1].mesh.bounds().center();

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::{PhotonTracing, under_water};
-use crate::caustics_image::{CausticsPair, FrameCaustics, channel};
+use super::{Params, PhotonTracing, under_water};
+use crate::caustics_image::{FrameCaustics, channel};
 use crate::off_frustum::Frustum;
-use crate::{Errors, Judge, JudgeError, PipelineInstance, Rates};
+use crate::{Errors, Judge, Judging, PipelineInstance, Rates};
 use crate::{exact_answers, judged_view, objects_of, share, to_map};
 use fathom_gpu::{Gpu, GpuError, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
@@ -18,6 +18,7 @@ use fathom_scene::Optics;
 use fathom_stages::geometry::Objects;
 use fathom_stages::photon::{Fate, Photon};
 use fathom_stages::sprites;
+use fathom_stages::uniforms::View;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MAX_PHOTONS: usize = 10_000;
@@ -143,8 +144,32 @@ impl PipelineInstance for PhotonTracing {
 
     /// Errors of the last frame's photons. `src/experiments/words.rs` says what each rate counts; `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names. Of large grids an even selection is compared.
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let mut ends = self.ends(&self.photons.read(judge.gpu)?, judge);
+    fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        let (photons, per_ray) = (self.photons.read(gpu)?, self.photons.per_ray as usize);
+        let (view, params) = (self.view.clone(), self.params.clone());
+        let traced = TracedPhotons { view, params, per_ray, photons };
+        Ok(Box::new(move |judge| Ok(traced.errors(judge))))
+    }
+
+    fn caustics(&self, gpu: &Gpu) -> Result<Option<FrameCaustics>, GpuError> {
+        // What the sprites have added up.
+        let irradiance = channel(&read_texture(gpu, &self.irradiance)?, 0);
+        let (irradiance, view) = (Box::new(|_: &Judge<'_>| Ok(irradiance)), self.view.clone());
+        Ok(Some(FrameCaustics { irradiance, stage: sprites::draw::INFO.name, view }))
+    }
+}
+
+/// What a frame has left of its photons.
+struct TracedPhotons {
+    view: View,
+    params: Params,
+    per_ray: usize,
+    photons: Vec<Photon>,
+}
+
+impl TracedPhotons {
+    fn errors(&self, judge: &Judge<'_>) -> Errors {
+        let mut ends = self.ends(judge);
         let median_m = quantile(&mut ends.errors_m, 0.5);
         let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
         let errors = of_all.map(|rate| (rate, ends.rates.rate(rate), "1"));
@@ -154,7 +179,7 @@ impl PipelineInstance for PhotonTracing {
             ("caustics_photon_error_median_m", median_m, "m"),
         ];
         let along = ["photons_full_rate", "intersections_lost_rate", "intersections_false_rate"];
-        let along = along.into_iter().filter(|_| self.photons.per_ray > 1);
+        let along = along.into_iter().filter(|_| self.per_ray > 1);
         let rates = QUANTITIES.into_iter().chain(along).map(|rate| (rate, ends.rates.rate(rate)));
         let stage = self.params.rays.method.info().name;
         let mut judged = Errors::new(stage, errors.into_iter().chain(distances), rates);
@@ -164,19 +189,10 @@ impl PipelineInstance for PhotonTracing {
                 ("photon_specular_path_error_median_m", quantile(&mut ends.path_errors_m, 0.5)),
             ]));
         }
-        Ok(judged)
+        judged
     }
 
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
-        // What the sprites have added up.
-        let irradiance = channel(&read_texture(judge.gpu, &self.irradiance)?, 0);
-        let found = FrameCaustics { irradiance, stage: sprites::draw::INFO.name };
-        CausticsPair::new(judge, &self.view, &found).map(Some)
-    }
-}
-
-impl PhotonTracing {
-    fn ends(&self, found: &[Photon], judge: &mut Judge<'_>) -> Tally {
+    fn ends(&self, judge: &Judge<'_>) -> Tally {
         let scene = judge.scene;
         let view = judged_view(&self.view, scene);
         let (frame, water) = (view.light_frame(), &view.water);
@@ -185,10 +201,10 @@ impl PhotonTracing {
         let frustum = Frustum::new(&view, times);
         let in_view = |hit: &&Hit| frustum.holds(hit.position);
         let transfer = &self.params.transfer;
-        let found: Vec<_> = found.chunks(self.photons.per_ray as usize).collect();
+        let found: Vec<_> = self.photons.chunks(self.per_ray).collect();
         let asked = (&frame, water, &view.camera, view.size_px, transfer, bounces);
         let content = judge.question("photon ends", &asked);
-        let exact = judge.references.answer(content, |_| {
+        let exact = judge.references.answer(content, || {
             let objects = objects_of(scene, Objects::Solid);
             let (tracer, top_m) = (&Tracer::new(&objects), under_water(scene).max.y);
             let surfaces =

@@ -5,10 +5,8 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::{Planar, with_pool};
-use crate::{
-    Errors, Judge, JudgeError, PipelineInstance, exact_answers, judged_view, share, to_map,
-};
+use super::{Params, Planar, with_pool};
+use crate::{Errors, Judging, PipelineInstance, exact_answers, judged_view, share, to_map};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::pool::{Basin, Face, FluxCounts, face_by_face, flux_share, middle_photon_w};
@@ -18,6 +16,7 @@ use fathom_scene::Scene;
 use fathom_stages::planar::points;
 use fathom_stages::screen_ray::{NEVER, Transfer};
 use fathom_stages::transfer;
+use fathom_stages::uniforms::View;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MAX_PHOTONS: usize = 10_000;
@@ -38,10 +37,10 @@ impl PipelineInstance for Planar {
     /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached in the
     /// midst of others.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let photons = self.read_photons(gpu)?;
+        let read = self.read(gpu)?;
+        let PoolPhotons { photons, map, .. } = &read;
         let missed = photons.iter().filter(|photon| photon.state == NEVER).count();
-        let ended = photons.iter().filter(|photon| self.end(photon).is_some()).count();
-        let map = self.map(gpu)?;
+        let ended = photons.iter().filter(|photon| read.end(photon).is_some()).count();
         let floor = &map[..map.len() / Face::ALL.len()];
         Ok(to_map([
             ("missed_water_rate", share(missed, photons.len())),
@@ -50,26 +49,39 @@ impl PipelineInstance for Planar {
         ]))
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let scene = &with_pool(judge.scene).map_err(GpuError::Unusable)?;
-        let mut judged = self.landing_errors(judge.gpu, scene)?;
-        judged.errors.extend(self.map_errors(judge.gpu, scene)?.errors);
-        Ok(judged)
+    fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        let read = self.read(gpu)?;
+        Ok(Box::new(move |judge| {
+            let scene = &with_pool(judge.scene).map_err(GpuError::Unusable)?;
+            let mut judged = read.landing_errors(scene);
+            judged.errors.extend(read.map_errors(scene).errors);
+            Ok(judged)
+        }))
     }
 }
 
 impl Planar {
-    fn read_photons(&self, gpu: &Gpu) -> Result<Vec<Transfer>, GpuError> {
-        Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.transfers.buffer)?))
-    }
-
-    /// The map face by face, W/m².
-    fn map(&self, gpu: &Gpu) -> Result<Vec<f64>, GpuError> {
+    fn read(&self, gpu: &Gpu) -> Result<PoolPhotons, GpuError> {
+        let (params, view, basin) = (self.params.clone(), self.view.clone(), self.basin);
+        let photons = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.transfers.buffer)?);
         let atlas = read_texture(gpu, &self.map)?;
         let texels: Vec<f64> = atlas.data.into_iter().map(f64::from).collect();
-        Ok(face_by_face(&texels, self.params.planar.texels))
+        let map = face_by_face(&texels, params.planar.texels);
+        Ok(PoolPhotons { params, view, basin, photons, map })
     }
+}
 
+/// What a frame has left of its photons.
+struct PoolPhotons {
+    params: Params,
+    view: View,
+    basin: Basin,
+    photons: Vec<Transfer>,
+    /// The map face by face, W/m².
+    map: Vec<f64>,
+}
+
+impl PoolPhotons {
     /// Where a photon of the transfer map meets the pool.
     fn end(&self, photon: &Transfer) -> Option<(DVec3, Face)> {
         let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
@@ -80,8 +92,8 @@ impl Planar {
     /// Errors of the transfer map's photons on the pool's planes against exact refraction and ray casting: `photon_error_median_m`,
     /// `photon_error_p99_m`, `photon_wrong_face_rate` of those that end by both, and `photon_miss_rate` of those that end exactly. Of
     /// large grids an even selection is compared.
-    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, JudgeError> {
-        let ends = self.ends(&self.read_photons(gpu)?, scene);
+    fn landing_errors(&self, scene: &Scene) -> Errors {
+        let ends = self.ends(scene);
         let found = ends.iter().flatten();
         let wrong_face = found.clone().filter(|(_, is_on_other)| *is_on_other).count();
         let mut errors_m: Vec<f64> = found.map(|(error_m, _)| *error_m).collect();
@@ -91,10 +103,11 @@ impl Planar {
             ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
             ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
         ];
-        Ok(Errors::new(transfer::map::INFO.name, errors, []))
+        Errors::new(transfer::map::INFO.name, errors, [])
     }
 
-    fn ends(&self, found: &[Transfer], scene: &Scene) -> Vec<Option<(f64, bool)>> {
+    fn ends(&self, scene: &Scene) -> Vec<Option<(f64, bool)>> {
+        let found = &self.photons;
         let (tracer, view) = (Tracer::new(&scene.objects), judged_view(&self.view, scene));
         let (frame, water) = (view.light_frame(), &view.water);
         let grid = self.params.transfer.grid;
@@ -109,10 +122,9 @@ impl Planar {
 
     /// Errors of the illumination map against the transfer map's photons counted in f64: `map_energy_error`, the difference of the flux over
     /// all texels, and `map_misplaced_rate`, flux that lies in other texels. Both are shares of the flux of all photons.
-    fn map_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Errors, GpuError> {
-        let texels = self.params.planar.texels;
-        let counted = self.count_flux(&self.read_photons(gpu)?, scene);
-        let map = self.map(gpu)?;
+    fn map_errors(&self, scene: &Scene) -> Errors {
+        let (texels, map) = (self.params.planar.texels, &self.map);
+        let counted = self.count_flux(scene);
         let (mut flux_w, mut misplaced_w) = (0.0, 0.0);
         for (texel, irradiance) in map.iter().enumerate() {
             let face = Face::ALL[texel * Face::ALL.len() / map.len()];
@@ -126,10 +138,10 @@ impl Planar {
             ("map_energy_error", of_all((flux_w - counted.flux_w).abs()), "1"),
             ("map_misplaced_rate", of_all(misplaced_w), "1"),
         ];
-        Ok(Errors::new(points::INFO.name, errors, []))
+        Errors::new(points::INFO.name, errors, [])
     }
 
-    fn count_flux(&self, photons: &[Transfer], scene: &Scene) -> FluxCounts {
+    fn count_flux(&self, scene: &Scene) -> FluxCounts {
         let view = judged_view(&self.view, scene);
         let (frame, water, basin) =
             (view.light_frame(), &view.water, Basin::from_water(&view.water, scene.floor_depth_m));
@@ -138,7 +150,7 @@ impl Planar {
         let mut counted = FluxCounts::new(texels);
         let [x, z] = basin.half_size_m;
         let rounding_m = 2.0 * ROUNDING * x.hypot(z).hypot(0.5 * basin.floor_depth_m);
-        for photon in photons.iter().filter(|photon| photon.state != NEVER) {
+        for photon in self.photons.iter().filter(|photon| photon.state != NEVER) {
             let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
             let flux_w = |way_m: f64| {
                 photon_w * flux_share(&frame, water, origin, f64::from(photon.path_m) + way_m)

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::{Gather, Law, Mode, Scalar, ScalarAo};
 use crate::occlusion::{exact, figures, lattice};
-use crate::{Errors, Judge, JudgeError, to_map};
+use crate::{Errors, Judge, JudgeError, Judging, to_map};
 use fathom_base::statistics::mean;
-use fathom_gpu::{Pixels, read_texture};
+use fathom_gpu::{Gpu, GpuError, Pixels, read_texture};
 use fathom_reference::isosurface::FieldSurface;
 use fathom_reference::media::{self, FieldMarch};
 use fathom_reference::occlusion::Obscurity;
@@ -34,34 +34,45 @@ impl ScalarAo {
     /// isosurface know no ρ: their reference has none. That of a medium marches by the same law and rejection in fine strata at
     /// the field's full resolution, and no threshold ends it. Nothing of a medium whose window or opacity changes values: a
     /// window's cut and interpolation do not commute.
-    pub(super) fn judged(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        let Some(volume) = &judge.scene.volume else {
-            return Ok(Errors::default());
-        };
-        let pixels = read_texture(judge.gpu, self.result())?;
+    pub(super) fn read(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        let pixels = read_texture(gpu, self.result())?;
         let view = PixelRays::new(&self.camera, pixels.width, pixels.height);
-        let (settings, r_max_m) = (&self.settings, self.r_max_m);
-        let exact = ScalarReference { volume, settings, voxel_m: self.field.voxel_m, r_max_m };
-        let unchanged = (settings.window, settings.opacity) == UNCHANGED;
-        let in_medium = || compared(&pixels, &view, MAX_IN_MEDIUM, |ray| exact.in_medium(ray));
-        let (stage, found) = match settings.mode {
-            Mode::Isosurface => (
-                scalar::isosurface::INFO.name,
-                compared(&pixels, &view, MAX_POINTS, |ray| exact.at_isosurface(ray)),
-            ),
-            _ if !unchanged => return Ok(Errors::default()),
-            Mode::Direct => (scalar::direct::INFO.name, in_medium()),
-            Mode::Positional => (scalar::positional::INFO.name, in_medium()),
-        };
-        if found.is_empty() {
-            return Err(JudgeError::Nothing);
-        }
-        let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
-        let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
-        let quantities = [("ao_mean", mean(values)), ("ao_reference_mean", mean(exact))];
-        let errors = figures("ao", stage, &errors).into();
-        Ok(Errors { errors, quantities: to_map(quantities), ..Errors::default() })
+        let (settings, lengths_m) = (self.settings.clone(), [self.field.voxel_m, self.r_max_m]);
+        Ok(Box::new(move |judge| judged(judge, &pixels, &view, &settings, lengths_m)))
     }
+}
+
+/// `lengths_m`: of a voxel, and of the rays.
+fn judged(
+    judge: &Judge<'_>,
+    pixels: &Pixels,
+    view: &PixelRays,
+    settings: &Scalar,
+    [voxel_m, r_max_m]: [f64; 2],
+) -> Result<Errors, JudgeError> {
+    let Some(volume) = &judge.scene.volume else {
+        return Ok(Errors::default());
+    };
+    let exact = ScalarReference { volume, settings, voxel_m, r_max_m };
+    let unchanged = (settings.window, settings.opacity) == UNCHANGED;
+    let in_medium = || compared(pixels, view, MAX_IN_MEDIUM, |ray| exact.in_medium(ray));
+    let (stage, found) = match settings.mode {
+        Mode::Isosurface => (
+            scalar::isosurface::INFO.name,
+            compared(pixels, view, MAX_POINTS, |ray| exact.at_isosurface(ray)),
+        ),
+        _ if !unchanged => return Ok(Errors::default()),
+        Mode::Direct => (scalar::direct::INFO.name, in_medium()),
+        Mode::Positional => (scalar::positional::INFO.name, in_medium()),
+    };
+    if found.is_empty() {
+        return Err(JudgeError::Nothing);
+    }
+    let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
+    let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
+    let quantities = [("ao_mean", mean(values)), ("ao_reference_mean", mean(exact))];
+    let errors = figures("ao", stage, &errors).into();
+    Ok(Errors { errors, quantities: to_map(quantities), ..Errors::default() })
 }
 
 /// A as shown and as it should be, at a lattice of the pixels that show something.

@@ -7,9 +7,9 @@ use serde_json::Value;
 
 use super::Underwater;
 use super::grid::largest_contraction;
-use crate::caustics_image::CausticsPair;
+use crate::caustics_image::FrameCaustics;
 use crate::off_frustum::Frustum;
-use crate::{Errors, Judge, JudgeError, PipelineInstance, share};
+use crate::{Judging, PipelineInstance, share};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::godray::covered_px;
 use fathom_stages::photon::{Fate, Photon, PhotonEstimator};
@@ -75,12 +75,11 @@ impl PipelineInstance for Underwater {
         self.explained(stage)
     }
 
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Errors, JudgeError> {
-        self.landing_errors(judge)
+    fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
+        self.landing_errors(gpu)
     }
 
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<CausticsPair>, JudgeError> {
-        let found = self.frame_caustics(judge)?;
-        CausticsPair::new(judge, &self.view, &found).map(Some)
+    fn caustics(&self, gpu: &Gpu) -> Result<Option<FrameCaustics>, GpuError> {
+        self.frame_caustics(gpu).map(Some)
     }
 }

@@ -140,7 +140,12 @@ fn set_up(view: &Report<'_>) -> Option<String> {
     let parts = trust::set_up_parts(view).into_iter();
     let parts = parts.map(|(part, s)| format!("{part} {} s", three(s))).join(", ");
     let parts = if parts.is_empty() { parts } else { format!(": {parts}") };
-    Some(format!("Measuring took {} s, set-up {} s{parts}.", three(wall_s), three(set_up_s)))
+    let frames_s: f64 = view.ends.iter().map(|end| end.measured_gpu_s).sum();
+    let share = percent(frames_s / (wall_s + set_up_s));
+    let (wall, set_up) = (three(wall_s), three(set_up_s));
+    Some(format!(
+        "Measuring took {wall} s, set-up {set_up} s{parts}. Frames took {share} of the time."
+    ))
 }
 
 #[cfg(test)]

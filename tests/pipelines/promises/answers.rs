@@ -32,21 +32,20 @@ fn a_kept_answer_is_that_of_its_own_question() {
     let (gpu, mut subjects) = (gpu(), Subjects::new(&Catalog::builtin()).silent());
     for (of, small, changes, _) in CASES {
         let (pipeline, scene) = of.split_once(' ').unwrap();
-        let (mut kept, mut answers) =
-            (ReferenceCache::default(), std::collections::BTreeMap::new());
+        let (kept, mut answers) = (ReferenceCache::default(), std::collections::BTreeMap::new());
         let changes: Vec<&str> = std::iter::once("").chain(changes.split_whitespace()).collect();
         for change in changes.iter().chain(&changes) {
             let settings = sets(&format!("{small} {change}"));
             let subject = subjects.subject(pipeline, scene, &settings).unwrap();
             let (frame, scene) = (subject.build(&gpu).unwrap(), &subject.scene);
             gpu.run(&frame.stages()).unwrap();
-            let judged = |references: &mut ReferenceCache| {
-                let judge = &mut Judge::new(&gpu, scene, references);
-                let judged = frame.judge(judge).unwrap();
+            let judged = |references: &ReferenceCache| {
+                let judge = frame.judge(&gpu, &[]).unwrap();
+                let judged = judge(&Judge::new(scene, references)).unwrap();
                 format!("{:?} {:?}", judged.errors, judged.quantities)
             };
-            let fresh = answers.entry(change).or_insert_with(|| judged(&mut Default::default()));
-            assert_eq!(judged(&mut kept), *fresh, "{of} {change}");
+            let fresh = answers.entry(change).or_insert_with(|| judged(&Default::default()));
+            assert_eq!(judged(&kept), *fresh, "{of} {change}");
         }
     }
 }

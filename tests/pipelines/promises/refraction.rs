@@ -1,6 +1,6 @@
 //! Exits from glass in screen space, against exact ray tracing.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use fathom::pipelines::refraction::{Params, ScreenRefraction};
 use fathom::pipelines::{Judge, PipelineInstance, ReferenceCache};
@@ -52,22 +52,21 @@ fn solids(number: u32, factor: f32) -> Scene {
 fn exits_from_random_solids_are_exact() {
     let (gpu, mut moved) = (gpu(), 0);
     for draw in 0..super::draws() as u32 {
-        let scene = Rc::new(solids(18 + draw, 1.0));
+        let scene = Arc::new(solids(18 + draw, 1.0));
         let mut params = Params::from(&SceneFile::load("ball").unwrap());
         (params.view.width, params.view.height, params.ldi.layers) = (64, 48, 8);
         params.camera = scene.camera.clone();
         params.refraction.least_px = Random::new(draw).within(1.0, 64.0) as u32;
         let frame = built::<ScreenRefraction>(&gpu, &scene, &params);
-        let p90_deg = |scene: &Rc<Scene>| {
-            let mut known = ReferenceCache::default();
-            let judge = &mut Judge::new(&gpu, scene, &mut known);
-            frame.pipeline.judge(judge).unwrap().errors[1].value
+        let p90_deg = |scene: &Arc<Scene>| {
+            let judge = frame.pipeline.judge(&gpu).unwrap();
+            judge(&Judge::new(scene, &ReferenceCache::default())).unwrap().errors[1].value
         };
         let found = p90_deg(&scene);
         assert!(found < 0.1, "draw {draw}, {} steps: {found}°", params.refraction.least_px);
         // The control, in every fourth draw.
         let is_tried = draw % 4 == 0;
-        moved += u64::from(is_tried && p90_deg(&Rc::new(solids(18 + draw, 1.05))) > 0.1);
+        moved += u64::from(is_tried && p90_deg(&Arc::new(solids(18 + draw, 1.05))) > 0.1);
     }
     assert!(
         moved == super::draws().div_ceil(4),
