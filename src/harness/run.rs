@@ -497,12 +497,17 @@ impl Measurement<'_> {
 
     /// Takes what is done beside, or is done soon enough after the last.
     fn collect(&mut self, within: Duration) -> Result<()> {
+        let mut experiments = BTreeSet::new();
         while let Some(done) = self.session.beside.next(within) {
             match done {
-                Done::Findings(found) => self.complete(*found)?,
+                Done::Findings(found) => {
+                    experiments.insert(found.place.0);
+                    self.complete(*found)?;
+                }
                 Done::Report(took) => self.output.reports.made(took),
             }
         }
+        experiments.into_iter().for_each(|number| self.look(number));
         Ok(())
     }
 
@@ -518,9 +523,7 @@ impl Measurement<'_> {
             Err(reason) => Outcome::Failed { reason },
         };
         self.schedule.cells[number][cell].is_excluded = matches!(outcome, Outcome::Failed { .. });
-        self.output.finish(planned.record(outcome))?;
-        self.look(number);
-        Ok(())
+        Ok(self.output.finish(planned.record(outcome))?)
     }
 
     /// The first report comes after the first visits, unless it would take too much of the budget.
