@@ -41,6 +41,7 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> ExitResult {
             gates: if args.gates.is_empty() { GATES.to_vec() } else { args.gates.clone() },
             seed: args.seed,
             threshold: args.threshold,
+            all: true,
             ..GateSettings::default()
         },
         batch: args.batch,

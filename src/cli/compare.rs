@@ -67,6 +67,7 @@ fn gate_settings(args: &CompareArgs) -> GateSettings {
         // A seed that JSON readers of every kind keep exactly.
         seed: args.seed.or_else(begun).unwrap_or_else(|| u64::from(rand::random::<u32>())),
         gates,
+        all: args.all,
         ..GateSettings::default()
     }
 }

@@ -76,6 +76,9 @@ pub struct CompareArgs {
     /// Measure only what the folder lacks
     #[arg(long, requires = "out")]
     pub resume: bool,
+    /// Measure also what asks the GPU for the same work on the same inputs in both builds
+    #[arg(long)]
+    pub all: bool,
     /// Print the comparison stored in a folder, and write its reports again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,

@@ -119,7 +119,7 @@ pub fn checks(builds: &mut [ExactGateSide<'_>; 2], stages: &[String]) -> Vec<Com
 }
 
 /// Asks both sides at once: nothing is timed here.
-fn both(
+pub(super) fn both(
     builds: &mut [ExactGateSide<'_>; 2],
     request: &WorkerRequest,
 ) -> [Result<Reply, WorkerFault>; 2] {
@@ -193,7 +193,7 @@ fn exact_lines(
 }
 
 /// Why a reply is of no use.
-fn reason(reply: &Result<Reply, WorkerFault>) -> String {
+pub(super) fn reason(reply: &Result<Reply, WorkerFault>) -> String {
     match reply {
         Ok(other) => format!("an answer of the wrong kind: {other:?}"),
         Err(error) => error.to_string(),

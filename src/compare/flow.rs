@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use super::cells::Gates;
 use super::environment;
 use super::exact_gate::{self, ExactGateSide};
+use super::fingerprint;
 use super::instructions;
 use super::launch_workers::LaunchProcesses;
 use super::launches::{self, EarlierLaunches, GateSchedule};
@@ -26,7 +27,7 @@ use fathom_judge::store::{self, Comparison};
 use fathom_judge::time;
 use fathom_record::comparison::{
     CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate,
-    GateSettings, Side, Skip,
+    GateSettings, Side, Skip, UnchangedCells,
 };
 use fathom_record::output::{FolderKind, LockedFolder, OutputError, Recording};
 use fathom_record::{Build, RecordError};
@@ -108,7 +109,8 @@ pub fn measure(
     };
     let checks = without_checks(&greetings).is_none();
     let mut run = ComparisonRun { options, output, interrupted, waiting, before, checks };
-    let common = run.exact(&mut builds, &gates.configurations)?;
+    let changed = run.changed(&mut builds, &gates.configurations, digests[0] == digests[1])?;
+    let common = run.exact(&mut builds, &changed)?;
     drop(builds);
     run.instructions(&common)?;
     run.time(&gates.control, &common)?;
@@ -202,6 +204,8 @@ fn header(
     let notes = notes.chain(is_silent.then_some(silent));
     let notes = notes.chain(stale_head(options, &greetings[Side::Head as usize]));
     let mut settings = options.settings.clone();
+    let obstacle = fingerprint::obstacle(&options.programs, greetings).filter(|_| !settings.all);
+    settings.all |= obstacle.is_some();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
     let base_cells = base_cells(options, base, &settings.gates);
@@ -214,7 +218,7 @@ fn header(
         cells: gates.cells(),
         base_cells,
         skipped,
-        notes: notes.chain(unchecked).collect(),
+        notes: notes.chain(unchecked).chain(obstacle).collect(),
         ..ComparisonHeader::default()
     }
 }
@@ -340,6 +344,36 @@ impl ComparisonRun<'_> {
     /// Stores what was found out, unless that was interrupted: then what looks like a fault is the interruption's.
     fn write_lines(&mut self, lines: Vec<Compared>) -> Result<(), RecordError> {
         if self.waiting.is_interrupted() { Ok(()) } else { store::write(&mut self.output, lines) }
+    }
+
+    /// The configurations without what asks the GPU for the same on both sides.
+    fn changed(
+        &mut self,
+        builds: &mut [ExactGateSide<'_>; 2],
+        configurations: &[GateConfiguration],
+        same_program: bool,
+    ) -> Result<Vec<GateConfiguration>> {
+        if self.before.header.settings.all {
+            return Ok(configurations.to_vec());
+        }
+        (self.waiting.report)("fingerprints: what each stage asks of the GPU");
+        let mut changed = Vec::new();
+        for configuration in configurations {
+            let known = |line: &UnchangedCells| line.configuration == configuration.id;
+            if !self.before.unchanged.iter().any(known) && !self.waiting.is_interrupted() {
+                let lines = fingerprint::compare(builds, configuration, same_program);
+                self.write_lines(lines)?;
+            }
+            changed.push(configuration.clone());
+        }
+        self.before = Comparison::read(&self.output.output.folder)?;
+        for configuration in &mut changed {
+            let id = configuration.id.clone();
+            let is_changed = |stage: &String| !self.before.is_unchanged(&CellId::new(&id, stage));
+            configuration.stages.retain(is_changed);
+        }
+        changed.retain(|configuration| !configuration.stages.is_empty());
+        Ok(changed)
     }
 
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.

@@ -12,6 +12,7 @@ pub mod candidates;
 pub mod cells;
 pub mod environment;
 pub mod exact_gate;
+pub mod fingerprint;
 pub mod flow;
 pub mod instructions;
 pub mod launch_workers;

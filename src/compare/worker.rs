@@ -11,9 +11,10 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::cells::Gates;
+use super::fingerprint::{self, STAGE_MARK};
 use super::protocol::{
     self, CheckReading, Exact, ExactStage, GateConfiguration, Greeting, PROTOCOL, Reply,
-    ServeError, StageKind, WorkerRequest,
+    ServeError, StageFingerprint, StageKind, WorkerRequest,
 };
 use super::valgrind;
 use fathom_base::parameter::ParamError;
@@ -25,8 +26,8 @@ use fathom_harness::catalog::Catalog;
 use fathom_harness::catalog::SubjectError;
 use fathom_harness::subject::{Subject, Subjects};
 use fathom_pipelines::{AnyPipeline, Judge, ReferenceCache};
-use fathom_record::PassKind;
 use fathom_record::comparison::CellSubject;
+use fathom_record::{PassKind, Work};
 use fathom_scene::SceneError;
 use fathom_verify::{Case, Check, VerifyError, verify_stages};
 
@@ -60,7 +61,7 @@ pub fn serve(
 
 /// Why a request cannot be met.
 #[derive(Debug, Error)]
-enum Refusal {
+pub enum Refusal {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error(transparent)]
@@ -69,6 +70,8 @@ enum Refusal {
     Verify(#[from] VerifyError),
     #[error("the first message must be `hello`")]
     NoHello,
+    #[error("no fingerprint: {0}")]
+    NoTrace(String),
     #[error("configuration `{0}` is not prepared")]
     NotPrepared(String),
     #[error("configuration `{config}` has no stage `{stage}`; it has {present}")]
@@ -121,6 +124,53 @@ struct OpenDevice {
 
 type PreparedCell = (Subject, Box<AnyPipeline>);
 
+/// Of the parameters that are set for all configurations those that this one has.
+fn set_of(
+    catalog: &Catalog,
+    set: &[(String, Value)],
+    configuration: &GateConfiguration,
+) -> Result<Vec<(String, Value)>, SubjectError> {
+    let fields = (catalog.kind(&configuration.pipeline)?.fields)();
+    let is_known = |path: &str| fields.iter().any(|field| field.path == path);
+    Ok(set.iter().filter(|(path, _)| is_known(path)).cloned().collect())
+}
+
+fn subject(
+    subjects: &mut Subjects,
+    configuration: &GateConfiguration,
+) -> Result<Subject, SubjectError> {
+    let overrides: Vec<_> = configuration.params.clone().into_iter().collect();
+    subjects.subject(&configuration.pipeline, &configuration.scene, &overrides)
+}
+
+/// Digest of what each stage asks of the GPU in its first two frames, after what is run once.
+pub fn fingerprint(
+    options: &gpu::Options,
+    subject: &Subject,
+) -> Result<Vec<StageFingerprint>, Refusal> {
+    let folder = tempfile::tempdir().map_err(|error| Refusal::NoTrace(error.to_string()))?;
+    let trace = Some(folder.path().to_owned());
+    // The trace ends when the device is gone.
+    let works: Vec<(String, Work)> = {
+        let gpu = Gpu::open(&gpu::Options { trace, ..options.clone() })?;
+        let pipeline = subject.build(&gpu)?;
+        let stages = pipeline.stages();
+        for stage in stages.iter().chain(&stages) {
+            let mut marker = gpu.device.create_command_encoder(&Default::default());
+            marker.insert_debug_marker(&format!("{STAGE_MARK}{}", stage.name()));
+            gpu.queue.submit([marker.finish()]);
+            gpu.run(&[*stage])?;
+        }
+        stages.iter().map(|stage| (stage.name().to_owned(), stage.work)).collect()
+    };
+    let digests = fingerprint::of_trace(folder.path()).map_err(Refusal::NoTrace)?;
+    let print = |(name, work): (String, Work)| {
+        let digest = digests.get(&name).cloned().unwrap_or_default();
+        StageFingerprint { digest, name, work }
+    };
+    Ok(works.into_iter().map(print).collect())
+}
+
 impl RequestServer<'_> {
     fn reply(&mut self, request: WorkerRequest) -> Result<Reply, Refusal> {
         if let WorkerRequest::Hello { clock, .. } = request {
@@ -130,11 +180,13 @@ impl RequestServer<'_> {
         match request {
             WorkerRequest::Clock => Ok(Reply::Clock { clock: device.clock.plan(&device.gpu)? }),
             WorkerRequest::Prepare { mut configuration } => {
-                let fields = (self.catalog.kind(&configuration.pipeline)?.fields)();
-                let is_known = |path: &str| fields.iter().any(|field| field.path == path);
-                let set = self.set.iter().filter(|(path, _)| is_known(path)).cloned();
-                configuration.params.extend(set);
+                configuration.params.extend(set_of(self.catalog, self.set, &configuration)?);
                 device.prepare(&mut self.subjects, &configuration)
+            }
+            WorkerRequest::Fingerprint { mut configuration } => {
+                configuration.params.extend(set_of(self.catalog, self.set, &configuration)?);
+                let subject = subject(&mut self.subjects, &configuration)?;
+                Ok(Reply::Fingerprint { stages: fingerprint(self.options, &subject)? })
             }
             WorkerRequest::Sample { config, stage, frames } => {
                 device.sample(&config, &stage, frames)
@@ -161,6 +213,7 @@ impl RequestServer<'_> {
             randomized: quiet::randomized(),
             notes: device.gpu.notes.clone(),
             build: Some(self.catalog.build()),
+            measured_by: Some(env!("FATHOM_MEASURED_BY").to_owned()),
             cells: Gates::load(None, self.catalog.gates)
                 .map_or_else(|_| Vec::new(), |own| own.cells()),
         })))
@@ -173,9 +226,7 @@ impl OpenDevice {
         subjects: &mut Subjects,
         configuration: &GateConfiguration,
     ) -> Result<Reply, Refusal> {
-        let overrides: Vec<_> = configuration.params.clone().into_iter().collect();
-        let subject =
-            subjects.subject(&configuration.pipeline, &configuration.scene, &overrides)?;
+        let subject = subject(subjects, configuration)?;
         let pipeline = subject.build(&self.gpu)?;
         let stages = pipeline.stages();
         // A whole frame compiles the shaders and fills every stage's inputs.

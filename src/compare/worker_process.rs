@@ -396,6 +396,7 @@ fn answers(reply: &Reply, asked: RequestKind) -> bool {
         Reply::Prepared { .. } => asked == Asked::Prepare,
         Reply::Sample { .. } => asked == Asked::Sample,
         Reply::Exact(_) => asked == Asked::Exact,
+        Reply::Fingerprint { .. } => asked == Asked::Fingerprint,
         Reply::Checks { .. } => asked == Asked::Checks,
         Reply::Instructions { .. } => asked == Asked::Instructions,
         Reply::Fault { .. } | Reply::Unsupported { .. } => true,

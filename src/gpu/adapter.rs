@@ -1,6 +1,7 @@
 //! Choosing and opening an adapter.
 
 use std::ops::Deref;
+use std::path::PathBuf;
 use std::sync::{Arc, OnceLock, PoisonError};
 
 use super::pipelines::Pipelines;
@@ -50,6 +51,8 @@ pub struct Options {
     pub shaders: Option<Folders>,
     /// No better limits than these; the adapter's own if none are given.
     pub limits: Option<wgpu::Limits>,
+    /// The folder that wgpu's trace of the device is written into.
+    pub trace: Option<PathBuf>,
 }
 
 impl Options {
@@ -266,7 +269,8 @@ impl Gpu {
         if !flags.is_empty() {
             notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
-        let (device, queue) = request(&chosen, &adapter, features, limits)?;
+        let (device, queue) =
+            request(&chosen, &adapter, (features, limits), options.trace.clone())?;
         let pipelines = Arc::new(Pipelines::default());
         let shaders = Arc::new(ShaderCache::default());
         let caches = (Arc::clone(&pipelines), Arc::clone(&shaders));
@@ -308,8 +312,8 @@ impl Gpu {
 fn request(
     chosen: &wgpu::Adapter,
     adapter: &record::Adapter,
-    features: wgpu::Features,
-    limits: wgpu::Limits,
+    (features, limits): (wgpu::Features, wgpu::Limits),
+    trace: Option<PathBuf>,
 ) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("fathom"),
@@ -322,7 +326,7 @@ fn request(
         } else {
             wgpu::MemoryHints::Performance
         },
-        trace: wgpu::Trace::Off,
+        trace: trace.map_or(wgpu::Trace::Off, wgpu::Trace::Directory),
     };
     let opened = catch_panic(|| pollster::block_on(chosen.request_device(&descriptor)));
     let opened = opened.and_then(|opened| opened.map_err(|error| error.to_string()));

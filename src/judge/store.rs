@@ -9,7 +9,7 @@ use fathom_base::folder;
 use fathom_record as record;
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures,
-    ExactFigures, Fault, InstructionCounts, Launch, MAX_LAUNCHES, Pair, Side,
+    ExactFigures, Fault, InstructionCounts, Launch, MAX_LAUNCHES, Pair, Side, UnchangedCells,
 };
 use fathom_record::output::{RECORDS, Recording};
 use fathom_record::{Record, RecordError, RecordFile};
@@ -25,6 +25,7 @@ pub fn write(held: &mut Recording, lines: Vec<Compared>) -> Result<(), RecordErr
 pub struct Comparison {
     pub header: ComparisonHeader,
     pub configurations: Vec<ConfigurationFigures>,
+    pub unchanged: Vec<UnchangedCells>,
     pub exact: Vec<ExactFigures>,
     pub checks: Vec<CheckFigure>,
     pub instructions: Vec<InstructionCounts>,
@@ -75,6 +76,7 @@ impl Comparison {
             match compared {
                 Compared::Header(first) => header = header.or(Some(*first)),
                 Compared::Configuration(line) => all.configurations.push(line),
+                Compared::Unchanged(line) => all.unchanged.push(line),
                 Compared::Exact(line) => all.exact.push(line),
                 Compared::Check(line) => all.checks.push(line),
                 Compared::Instructions(line) => all.instructions.push(line),
@@ -97,6 +99,11 @@ impl Comparison {
             exact.any(|line| line.side == side && line.cell == *cell)
                 && whole.any(|line| line.side == side && line.configuration == cell.configuration())
         })
+    }
+
+    /// The cell asks the GPU for the same on both sides.
+    pub fn is_unchanged(&self, cell: &CellId) -> bool {
+        self.unchanged.iter().any(|line| line.cells.contains(cell))
     }
 
     pub fn is_complete(&self) -> bool {

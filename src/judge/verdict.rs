@@ -39,6 +39,8 @@ pub enum CellVerdict {
     /// Fewer instructions, and a time that is not faster.
     Cheaper,
     Same,
+    /// It asks the GPU for the same work on the same inputs: no gate measured it.
+    Unchanged,
     /// The base has no such cell.
     New,
 }
@@ -130,7 +132,9 @@ impl<'a> Verdicts<'a> {
                 differences: differences.iter().filter(|d| d.concerns(cell)).cloned().collect(),
                 faults: unique(comparison.faults.iter().filter(own).filter(is_left)),
             };
-            judged.verdict = verdict(&judged, judged.is_measured(comparison, &gates));
+            let is_unchanged = comparison.is_unchanged(cell);
+            let is_measured = judged.is_measured(comparison, &gates);
+            judged.verdict = verdict(&judged, is_unchanged, is_measured);
             judged
         };
         let cells = header.cells.iter().map(judged).collect();
@@ -232,7 +236,7 @@ impl JudgedCell {
 }
 
 /// One verdict from all gates. A time that is faster outweighs instructions, which cost nothing by themselves.
-fn verdict(cell: &JudgedCell, measured: bool) -> CellVerdict {
+fn verdict(cell: &JudgedCell, unchanged: bool, measured: bool) -> CellVerdict {
     let time = cell.time.as_ref().map(|time| time.verdict);
     let change = cell.instructions.as_ref().map(|counted| counted.change);
     let worse = |kinds: &[FigureKind]| {
@@ -253,6 +257,8 @@ fn verdict(cell: &JudgedCell, measured: bool) -> CellVerdict {
         CellVerdict::New
     } else if !cell.faults.is_empty() {
         CellVerdict::Failed
+    } else if unchanged {
+        CellVerdict::Unchanged
     } else if !measured {
         CellVerdict::NotMeasured
     } else {
@@ -280,6 +286,14 @@ fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
         Gate::Instructions => !comparison.instructions.is_empty(),
         Gate::Time => !comparison.pairs.is_empty(),
     };
+    let software = comparison.header.adapter.software;
+    let mut own = comparison.header.cells.iter();
+    let is_left = |cell: &CellId| {
+        cell.subject().is_measured_by(gate, software) && !comparison.is_unchanged(cell)
+    };
+    if !measured && !comparison.unchanged.is_empty() && !own.any(is_left) {
+        return GateState::Skipped("its cells ask the GPU for the same".to_owned());
+    }
     if !measured {
         let fault = comparison.faults.iter().find(|fault| fault.gate == gate);
         let reason = fault.map_or("nothing was measured", |fault| &fault.reason);

@@ -150,6 +150,7 @@ impl fmt::Display for CellId {
 pub enum Compared {
     Header(Box<ComparisonHeader>),
     Configuration(ConfigurationFigures),
+    Unchanged(UnchangedCells),
     Exact(ExactFigures),
     Check(CheckFigure),
     Instructions(InstructionCounts),
@@ -291,6 +292,9 @@ pub struct GateSettings {
     pub seed: u64,
     /// Gates that were asked for.
     pub gates: Vec<Gate>,
+    /// They measure also what asks the GPU for the same on both sides.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub all: bool,
 }
 
 impl Default for GateSettings {
@@ -303,6 +307,7 @@ impl Default for GateSettings {
             pairs: PAIRS,
             seed: 0,
             gates: Gate::ALL.to_vec(),
+            all: false,
         }
     }
 }
@@ -336,6 +341,18 @@ pub struct ConfigurationFigures {
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
     pub notes: Vec<String>,
+}
+
+/// Cells of a configuration that ask the GPU for the same work on the same inputs on both sides: no gate measures them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct UnchangedCells {
+    /// Its id.
+    pub configuration: String,
+    /// Stages whose fingerprints are equal; of equal programs also what the host does.
+    pub cells: Vec<CellId>,
+    /// Why the others count as changed, where their digests do not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
 }
 
 /// Exact figures of a cell.

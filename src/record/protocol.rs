@@ -62,6 +62,11 @@ pub enum WorkerRequest {
         #[serde(flatten)]
         configuration: GateConfiguration,
     },
+    /// Builds a configuration on a device of its own and tells what its stages ask of the GPU.
+    Fingerprint {
+        #[serde(flatten)]
+        configuration: GateConfiguration,
+    },
     /// Runs a stage alone, so many frames in a row.
     Sample {
         /// The id of a prepared configuration.
@@ -113,6 +118,11 @@ pub enum Reply {
     Prepared {
         /// All stages of the configuration, in frame order.
         stages: Vec<StageKind>,
+    },
+    /// Stages of the same digest ask the GPU for the same work on the same inputs.
+    Fingerprint {
+        /// In frame order.
+        stages: Vec<StageFingerprint>,
     },
     /// One reading per frame.
     Sample {
@@ -171,6 +181,9 @@ pub struct Greeting {
     /// What the program was built of; absent from programs that do not know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
+    /// Digest of the sources that measure and of the libraries below them; absent from programs that give no fingerprints.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_by: Option<String>,
     /// The cells of its own gates; absent from programs that have none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cells: Vec<CellId>,
@@ -187,6 +200,17 @@ pub struct StageKind {
     pub name: String,
     /// Kind of its first pass; `host` for a stage without passes.
     pub kind: PassKind,
+}
+
+/// What a stage asks of the GPU.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StageFingerprint {
+    /// As `prepared` has it.
+    pub name: String,
+    /// Of its commands, and of what they read.
+    pub digest: String,
+    /// What the program declares that the stage does.
+    pub work: Work,
 }
 
 /// The exact figures of a configuration.

@@ -105,11 +105,25 @@ fn verdict(stored: &Comparison, cell: &str) -> CellVerdict {
     found.unwrap().verdict
 }
 
+/// Two equal programs ask the GPU for the same: no gate measures it, and declared work is compared.
+#[test]
+fn what_is_unchanged_is_not_measured() {
+    let place = Place::new();
+    let mut compare = place.fathom("compare --out out --cells voxel/alpha");
+    let output = compare.args(["--base-bin", env!("CARGO_BIN_EXE_fathom")]).ends(0);
+    assert!(output.out.contains("2 unchanged"), "{}", output.out);
+    let stored = Comparison::read(&place.path("out")).unwrap();
+    assert_eq!(verdict(&stored, "alpha voxel/alpha"), CellVerdict::Unchanged);
+    assert_eq!((stored.exact.len(), stored.instructions.len(), stored.pairs.len()), (2, 0, 0));
+    assert!(stored.header.notes.is_empty(), "{stored:?}");
+    assert_ne!(stored.exact[0].work, fathom::record::Work::default());
+}
+
 /// A real gate on the default adapter over one cell.
 #[test]
 fn equal_builds_execute_equally_many_instructions() {
     let (place, name) = (Place::new(), "alpha voxel/alpha");
-    let mut compare = place.fathom("compare --gates instructions --out out --cells");
+    let mut compare = place.fathom("compare --all --gates instructions --out out --cells");
     compare.arg(name).args(["--base-bin", env!("CARGO_BIN_EXE_fathom")]);
     let output = compare.env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
     let skipped = output.out.contains("instructions gate skipped");

@@ -41,7 +41,7 @@ fn step_times(planned: &[PlannedExperiment]) -> (Vec<Vec<StepTimes>>, f64) {
     };
     let mut ratios = BTreeMap::<&str, Vec<f64>>::new();
     for cell in planned.iter().flat_map(|of| &of.cells).filter(|cell| !cell.plan.errors_only) {
-        for pair_s in seen_s(cell) {
+        if let Some(pair_s) = seen_s(cell) {
             ratios.entry(&cell.plan.pipeline).or_default().push(pair_s / cell.declared_s);
         }
     }

@@ -120,7 +120,7 @@ fn tone(verdict: CellVerdict) -> Tone {
         Slower | LessAccurate | FasterButLessAccurate | Costlier => Tone::Bad,
         Failed | NotMeasured | Inconclusive => Tone::Open,
         NotJudged | New => Tone::Neutral,
-        Faster | Cheaper | Same => Tone::Good,
+        Faster | Cheaper | Same | Unchanged => Tone::Good,
     }
 }
 

@@ -1,0 +1,409 @@
+//! What a configuration asks of the GPU, stage by stage: digests of wgpu's own trace.
+//!
+//! A trace has every object with its descriptor, every byte that is uploaded, every shader and every command that is submitted. It
+//! names objects by their addresses. Here a name is replaced by a digest of what was made and of what it holds: a buffer or a texture
+//! by its descriptor, its uploads and the stage that last wrote it; a view or a bind group by what it shows. So a stage's digest
+//! differs where its own commands do, what they bind, or what any stage did before that these read.
+//!
+//! wgpu ignores every error of writing a trace. One that is not whole is an error here, never a digest.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::Path;
+
+use sha2::{Digest as _, Sha256};
+
+use super::exact_gate::{ExactGateSide, both, reason};
+use super::flow::Program;
+use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
+use super::worker_process::WorkerStart;
+use fathom_record::comparison::{CellSubject, Compared, ExactFigures, Side, UnchangedCells};
+
+/// Before the commands of a stage its name is submitted alone, behind this.
+pub const STAGE_MARK: &str = "stage ";
+const POINTER: &str = "PointerId(";
+const FILE: &str = "File(\"";
+
+/// Why no cell can be taken for unchanged: something beside the cells differs that takes part in a measurement.
+pub fn obstacle(programs: &[Program; 2], greetings: &[Greeting; 2]) -> Option<String> {
+    let [base, head] = greetings;
+    let differs = |what: &str| Some(format!("every cell is measured: {what} differs"));
+    let starts = programs.each_ref().map(|program| &program.start);
+    if base.measured_by.is_none() || head.measured_by.is_none() {
+        return Some("every cell is measured: a build gives no fingerprints".to_owned());
+    }
+    if base.measured_by != head.measured_by {
+        return differs("the clock, the worker or wgpu");
+    }
+    let with = |of: &Greeting| of.build.as_ref().map(|build| build.with.clone());
+    if with(base) != with(head) {
+        return differs("how the builds were made");
+    }
+    if base.adapter != head.adapter {
+        return differs("the adapter or its driver");
+    }
+    let [base, head] = starts.map(|of: &WorkerStart| (&of.environment, of.gpu.to_args()));
+    (base != head).then(|| differs("the environment"))?
+}
+
+/// Which cells of a configuration ask the GPU for the same on both sides, with their declared work. What the host does is the same only
+/// in `same_program`s.
+pub fn compare(
+    builds: &mut [ExactGateSide<'_>; 2],
+    configuration: &GateConfiguration,
+    same_program: bool,
+) -> Vec<Compared> {
+    let request = WorkerRequest::Fingerprint { configuration: configuration.clone() };
+    let mut line =
+        UnchangedCells { configuration: configuration.id.clone(), cells: Vec::new(), reason: None };
+    let [base, head] = match both(builds, &request) {
+        [Ok(Reply::Fingerprint { stages: base }), Ok(Reply::Fingerprint { stages: head })] => {
+            [base, head]
+        }
+        replies => {
+            line.reason =
+                replies.iter().find(|of| !matches!(of, Ok(Reply::Fingerprint { .. }))).map(reason);
+            return vec![Compared::Unchanged(line)];
+        }
+    };
+    let mut lines = Vec::new();
+    for cell in configuration.cells() {
+        let CellSubject::Stage(name) = cell.subject() else { continue };
+        let sides = [&base, &head].map(|stages| stages.iter().find(|stage| stage.name == name));
+        let [Some(of_base), Some(of_head)] = sides else { continue };
+        if !of_base.digest.is_empty() && of_base.digest == of_head.digest {
+            lines.extend(Side::BOTH.into_iter().zip([of_base, of_head]).map(|(side, stage)| {
+                let (work, counters) = (stage.work, BTreeMap::new());
+                Compared::Exact(ExactFigures { side, cell: cell.clone(), work, counters })
+            }));
+            line.cells.push(cell);
+        }
+    }
+    let of_host = configuration.cells().filter(|cell| same_program && !cell.subject().is_stage());
+    line.cells.extend(of_host);
+    lines.push(Compared::Unchanged(line));
+    lines
+}
+
+/// Digest of each stage's work, by its name.
+///
+/// # Errors
+/// One line: the trace is not whole.
+pub fn of_trace(folder: &Path) -> Result<BTreeMap<String, String>, String> {
+    let path = folder.join("trace.ron");
+    let text = std::fs::read_to_string(path).map_err(|error| format!("no trace: {error}"))?;
+    let whole = text.strip_prefix("[\n").and_then(|text| text.strip_suffix(']'));
+    let mut replay =
+        Replay { folder, objects: HashMap::new(), stages: BTreeMap::new(), turn: None };
+    for action in items(whole.ok_or("the trace does not end")?, 0) {
+        replay.act(action)?;
+    }
+    replay.end_stage();
+    Ok(replay.stages.into_iter().map(|(name, turns)| (name, digest(turns))).collect())
+}
+
+/// The items of a list whose lines are indented by so many spaces, each with all its lines.
+fn items(text: &str, indent: usize) -> impl Iterator<Item = &str> {
+    let begins = move |line: &str| {
+        line.len() > indent
+            && line[..indent].trim().is_empty()
+            && line[indent..].starts_with(|first: char| first.is_ascii_uppercase())
+    };
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        let mut end = 0;
+        for (number, line) in rest.split_inclusive('\n').enumerate() {
+            if number > 0 && begins(line) {
+                break;
+            }
+            end += line.len();
+        }
+        let (item, after) = rest.split_at(end);
+        rest = after;
+        (!item.trim().is_empty()).then_some(item)
+    })
+}
+
+fn digest<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
+    let mut digest = Sha256::new();
+    for part in parts {
+        digest.update((part.as_ref().len() as u64).to_le_bytes());
+        digest.update(part);
+    }
+    hex::encode(&digest.finalize()[..16])
+}
+
+/// What stands at an address.
+#[derive(Default)]
+struct Object {
+    /// Of how it was made, and of what it holds.
+    digest: String,
+    /// What it shows: a view's texture, a bind group's buffers and views.
+    shows: Vec<u64>,
+    /// Of these what a shader can write.
+    writes: Vec<u64>,
+    /// Bindings of a layout that a shader can write.
+    writable: BTreeSet<u64>,
+}
+
+struct Replay<'a> {
+    folder: &'a Path,
+    objects: HashMap<u64, Object>,
+    /// Of each stage what all its turns were, one after the other.
+    stages: BTreeMap<String, Vec<String>>,
+    /// The stage whose turn it is, what it has done, and what it has written.
+    turn: Option<(String, Vec<String>, Vec<u64>)>,
+}
+
+impl Replay<'_> {
+    fn act(&mut self, action: &str) -> Result<(), String> {
+        let (name, _) = action.split_once('(').ok_or("an action has no name")?;
+        let addresses = addresses(action);
+        if name.starts_with("Create") {
+            // An address is used again, and says nothing of what is made there.
+            self.objects.remove(addresses.first().ok_or("a made object has no name")?);
+        }
+        let text = self.replaced(action)?;
+        match name {
+            "Submit" => self.submit(action)?,
+            "WriteBuffer" | "WriteTexture" => {
+                self.turn.iter_mut().for_each(|(_, done, _)| done.push(text.clone()));
+                let target = self.root(addresses[0]);
+                self.object(target).digest = digest([self.resolve(target), text]);
+            }
+            _ if name.starts_with("Create") => {
+                let object = self.made(name, action, &text, &addresses[1..]);
+                self.objects.insert(addresses[0], object);
+            }
+            "Init" => {}
+            _ if name.starts_with("Drop") || name.starts_with("Destroy") => {}
+            other => return Err(format!("an action that is not known: {other}")),
+        }
+        Ok(())
+    }
+
+    fn made(&self, name: &str, action: &str, text: &str, others: &[u64]) -> Object {
+        let mut object = Object { digest: digest([text]), ..Object::default() };
+        match name {
+            "CreateBindGroupLayout" => {
+                let is_writable = |(_, of): &(u64, &str)| {
+                    of.contains("read_only: false")
+                        || of.contains("access: WriteOnly")
+                        || of.contains("access: ReadWrite")
+                };
+                let written = bindings(action).into_iter().filter(is_writable);
+                object.writable = written.map(|(binding, _)| binding).collect();
+            }
+            "CreateBindGroup" => {
+                let layout = others.first().and_then(|layout| self.objects.get(layout));
+                for (binding, of) in bindings(action) {
+                    let shown = addresses(of);
+                    if layout.is_none_or(|layout| layout.writable.contains(&binding)) {
+                        object.writes.extend(&shown);
+                    }
+                    object.shows.extend(shown);
+                }
+            }
+            "CreateTextureView" => object.shows = others.to_vec(),
+            _ => {}
+        }
+        object
+    }
+
+    /// The marks of stages, and what they submit.
+    fn submit(&mut self, action: &str) -> Result<(), String> {
+        let (_, list) = action.split_once('\n').unwrap_or_default();
+        let commands: Vec<&str> = items(list, 4).collect();
+        let marked = commands.iter().find_map(|of| of.trim().strip_prefix("InsertDebugMarker(\""));
+        if let Some(mark) = marked.and_then(|mark| mark.strip_prefix(STAGE_MARK)) {
+            self.end_stage();
+            let name = mark.split('"').next().unwrap_or_default();
+            self.turn = Some((name.to_owned(), Vec::new(), Vec::new()));
+            return Ok(());
+        }
+        for command in commands {
+            let text = self.replaced(command)?;
+            let written = self.written(command);
+            if let Some((_, done, all)) = &mut self.turn {
+                done.push(text);
+                all.extend(written);
+            } else {
+                // What is run once, when a configuration is made.
+                self.write(&written, &text);
+            }
+        }
+        Ok(())
+    }
+
+    /// Buffers and textures that a command may write.
+    fn written(&self, command: &str) -> Vec<u64> {
+        const TARGETS: [&str; 3] = ["view: PointerId(", "resolve_target: Some(PointerId(", "dst: "];
+        let targets = TARGETS.iter().flat_map(|field| {
+            command
+                .match_indices(field)
+                .filter_map(|(at, _)| addresses(&command[at..]).into_iter().next())
+        });
+        let groups = command.match_indices("bind_group: Some(");
+        let groups = groups.filter_map(|(at, _)| addresses(&command[at..]).into_iter().next());
+        let of_groups =
+            groups.filter_map(|group| self.objects.get(&group)).flat_map(|group| &group.writes);
+        targets.chain(of_groups.copied()).map(|address| self.root(address)).collect()
+    }
+
+    /// From now on these hold what was written by work of this digest.
+    fn write(&mut self, written: &[u64], work: &str) {
+        for (place, address) in written.iter().enumerate() {
+            self.object(*address).digest = digest([work, &place.to_string()]);
+        }
+    }
+
+    fn end_stage(&mut self) {
+        let Some((name, done, written)) = self.turn.take() else { return };
+        let work = digest(done);
+        self.write(&written, &work);
+        self.stages.entry(name).or_default().push(work);
+    }
+
+    fn object(&mut self, address: u64) -> &mut Object {
+        self.objects.entry(address).or_default()
+    }
+
+    /// The texture that a view is of, or the object itself.
+    fn root(&self, address: u64) -> u64 {
+        let of = self.objects.get(&address).filter(|object| object.writes.is_empty());
+        match of.map(|object| object.shows.as_slice()) {
+            Some([texture]) => *texture,
+            _ => address,
+        }
+    }
+
+    /// What stands at an address and what that shows now.
+    fn resolve(&self, address: u64) -> String {
+        let Some(Object { digest: own, shows, .. }) = self.objects.get(&address) else {
+            return "nothing".to_owned();
+        };
+        digest(std::iter::once(own.clone()).chain(shows.iter().map(|of| self.resolve(*of))))
+    }
+
+    /// A text with digests in place of addresses and of files, without labels and the numbers of submissions.
+    fn replaced(&self, text: &str) -> Result<String, String> {
+        let is_label = |line: &&str| line.trim_start().starts_with("label: ");
+        let mut lines = Vec::new();
+        for line in text.lines().filter(|line| !is_label(line)) {
+            let mut line = line.to_owned();
+            for address in addresses(&line) {
+                line = line.replace(&format!("{POINTER}{address})"), &self.resolve(address));
+            }
+            if let Some((before, rest)) = line.split_once(FILE) {
+                let (name, after) = rest.split_once('"').ok_or("a file has no name")?;
+                let content = std::fs::read(self.folder.join(name));
+                let content = content.map_err(|error| format!("{name}: {error}"))?;
+                check_length(name, &content, text)?;
+                line = format!("{before}{}{after}", digest([content]));
+            }
+            lines.push(line);
+        }
+        Ok(lines.join("\n"))
+    }
+}
+
+/// The addresses in a text, in their order.
+fn addresses(text: &str) -> Vec<u64> {
+    let after = text.match_indices(POINTER).map(|(at, _)| &text[at + POINTER.len()..]);
+    after.filter_map(|rest| rest.split(')').next()?.parse().ok()).collect()
+}
+
+/// Number and text of each entry of a bind group or of its layout.
+fn bindings(action: &str) -> Vec<(u64, &str)> {
+    let parts = action.split("binding: ").skip(1);
+    parts.filter_map(|part| Some((number_after(part, "")?, part))).collect()
+}
+
+fn number_after(text: &str, field: &str) -> Option<u64> {
+    let (_, rest) = text.split_once(field)?;
+    let rest = rest.strip_prefix("Some(").unwrap_or(rest);
+    rest.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok()
+}
+
+/// A file may be cut short where a disk is full.
+fn check_length(name: &str, content: &[u8], action: &str) -> Result<(), String> {
+    let is_whole = if action.starts_with("WriteBuffer") {
+        number_after(action, "size: ").is_some_and(|size| content.len() as u64 >= size)
+    } else if action.starts_with("WriteTexture") {
+        let [row, rows, depth] = ["bytes_per_row: ", "height: ", "depth_or_array_layers: "]
+            .map(|field| number_after(action, field).unwrap_or(1));
+        content.len() as u64 > row * (rows * depth).saturating_sub(1)
+    } else {
+        content.ends_with(b")") || content.ends_with(b"}")
+    };
+    is_whole.then_some(()).ok_or_else(|| format!("{name} is cut short"))
+}
+
+#[cfg(test)]
+mod tests {
+    use fathom_gpu::{Gpu, Options};
+    use fathom_harness::catalog::Catalog;
+    use fathom_harness::subject::Subjects;
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::worker::fingerprint;
+
+    /// Of the pipeline `hsao` on a small picture.
+    fn stages(sets: &[(&str, Value)]) -> BTreeMap<String, String> {
+        let view = [("view.width", json!(32)), ("view.height", json!(24))];
+        let sets = [&view[..], sets].concat();
+        let sets: Vec<_> = sets.into_iter().map(|(path, value)| (path.to_owned(), value)).collect();
+        let mut subjects = Subjects::new(&Catalog::builtin()).silent();
+        let subject = subjects.subject("hsao", "ball", &sets).unwrap();
+        let stages = fingerprint(&Options::default(), &subject).unwrap();
+        stages.into_iter().map(|stage| (stage.name, stage.digest)).collect()
+    }
+
+    #[test]
+    fn a_change_is_seen_in_its_stage_and_in_those_that_read_what_it_leaves() {
+        let base = stages(&[]);
+        let all: Vec<&str> = base.keys().map(String::as_str).collect();
+        for (path, value, expected) in [
+            ("filter.radius_px", json!(2), &["ao/compose", "hsao/filter"][..]),
+            ("shadow.size", json!(128), &["ao/compose", "shadow/depth"]),
+            ("hsao.steps", json!(15), &["ao/compose", "hsao/filter", "hsao/march"]),
+            ("compose.show", json!("occlusion"), &["ao/compose"]),
+            // The uniforms that all of them share.
+            ("light.intensity_w_sr", json!(3.0), &all),
+            ("filter.taps", json!(17), &[]),
+        ] {
+            let head = stages(&[(path, value)]);
+            let changed = base.iter().filter(|(name, digest)| head[*name] != **digest);
+            let changed: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
+            assert_eq!(changed, expected, "{path}");
+        }
+    }
+
+    #[test]
+    fn a_trace_that_is_not_whole_has_no_digest() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path();
+        assert!(of_trace(place).unwrap_err().starts_with("no trace"));
+        {
+            let trace = Some(place.to_owned());
+            let gpu = Gpu::open(&Options { trace, ..Options::default() }).unwrap();
+            drop(gpu.filled("filled", &[1; 64], wgpu::BufferUsages::COPY_SRC));
+            gpu.flush().unwrap();
+        }
+        assert_eq!(of_trace(place), Ok(BTreeMap::new()));
+        let uploads = std::fs::read_dir(place).unwrap().map(|entry| entry.unwrap().path());
+        let upload = uploads.filter(|path| path.extension().is_some_and(|ext| ext == "bin")).last();
+        let upload = upload.unwrap();
+        std::fs::write(&upload, [1; 60]).unwrap();
+        assert!(of_trace(place).unwrap_err().ends_with("is cut short"));
+        std::fs::remove_file(&upload).unwrap();
+        assert!(of_trace(place).is_err());
+        std::fs::write(&upload, [1; 64]).unwrap();
+        assert!(of_trace(place).is_ok());
+        let text = std::fs::read_to_string(place.join("trace.ron")).unwrap();
+        for end in [text.len() - 1, text.len() / 2, 1] {
+            std::fs::write(place.join("trace.ron"), &text[..end]).unwrap();
+            assert_eq!(of_trace(place), Err("the trace does not end".to_owned()), "{end}");
+        }
+    }
+}
