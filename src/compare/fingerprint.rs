@@ -20,6 +20,20 @@ use fathom_record::comparison::{CellSubject, Compared, ExactFigures, Side, Uncha
 
 /// Before the commands of a stage its name is submitted alone, behind this.
 pub const STAGE_MARK: &str = "stage ";
+/// What of them is written is known: targets, destinations, and bind groups.
+const COMMANDS: [&str; 11] = [
+    "RunComputePass",
+    "RunRenderPass",
+    "CopyBufferToBuffer",
+    "CopyBufferToTexture",
+    "CopyTextureToBuffer",
+    "CopyTextureToTexture",
+    "ClearBuffer",
+    "ClearTexture",
+    "PushDebugGroup",
+    "PopDebugGroup",
+    "InsertDebugMarker",
+];
 const POINTER: &str = "PointerId(";
 const FILE: &str = "File(\"";
 
@@ -92,8 +106,8 @@ pub fn of_trace(folder: &Path) -> Result<BTreeMap<String, String>, String> {
     let path = folder.join("trace.ron");
     let text = std::fs::read_to_string(path).map_err(|error| format!("no trace: {error}"))?;
     let whole = text.strip_prefix("[\n").and_then(|text| text.strip_suffix(']'));
-    let mut replay =
-        Replay { folder, objects: HashMap::new(), stages: BTreeMap::new(), turn: None };
+    let (objects, at) = (Vec::new(), HashMap::new());
+    let mut replay = Replay { folder, objects, at, stages: BTreeMap::new(), turn: None };
     for action in items(whole.ok_or("the trace does not end")?, 0) {
         replay.act(action)?;
     }
@@ -132,26 +146,29 @@ fn digest<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
     hex::encode(&digest.finalize()[..16])
 }
 
-/// What stands at an address.
-#[derive(Default)]
+/// What was made. Others are named by their places in the list of all, as an address is used again after a drop.
+#[derive(Clone, Default)]
 struct Object {
     /// Of how it was made, and of what it holds.
     digest: String,
     /// What it shows: a view's texture, a bind group's buffers and views.
-    shows: Vec<u64>,
+    shows: Vec<usize>,
     /// Of these what a shader can write.
-    writes: Vec<u64>,
+    writes: Vec<usize>,
     /// Bindings of a layout that a shader can write.
     writable: BTreeSet<u64>,
+    is_view: bool,
 }
 
 struct Replay<'a> {
     folder: &'a Path,
-    objects: HashMap<u64, Object>,
+    objects: Vec<Object>,
+    /// What stands at an address now.
+    at: HashMap<u64, usize>,
     /// Of each stage what all its turns were, one after the other.
     stages: BTreeMap<String, Vec<String>>,
     /// The stage whose turn it is, what it has done, and what it has written.
-    turn: Option<(String, Vec<String>, Vec<u64>)>,
+    turn: Option<(String, Vec<String>, Vec<usize>)>,
 }
 
 impl Replay<'_> {
@@ -159,20 +176,22 @@ impl Replay<'_> {
         let (name, _) = action.split_once('(').ok_or("an action has no name")?;
         let addresses = addresses(action);
         if name.starts_with("Create") {
-            // An address is used again, and says nothing of what is made there.
-            self.objects.remove(addresses.first().ok_or("a made object has no name")?);
+            let own = addresses.first().ok_or("a made object has no name")?;
+            self.at.insert(*own, self.objects.len());
+            self.objects.push(Object::default());
         }
         let text = self.replaced(action)?;
         match name {
             "Submit" => self.submit(action)?,
             "WriteBuffer" | "WriteTexture" => {
                 self.turn.iter_mut().for_each(|(_, done, _)| done.push(text.clone()));
-                let target = self.root(addresses[0]);
-                self.object(target).digest = digest([self.resolve(target), text]);
+                let target = self.at.get(addresses.first().unwrap_or(&0));
+                let target = *target.ok_or("an upload to what was not made")?;
+                self.objects[target].digest = digest([self.resolve(target), text]);
             }
             _ if name.starts_with("Create") => {
-                let object = self.made(name, action, &text, &addresses[1..]);
-                self.objects.insert(addresses[0], object);
+                let made = self.made(name, action, &text, &self.known(&addresses[1..]));
+                self.objects.last_mut().into_iter().for_each(|object| *object = made.clone());
             }
             "Init" => {}
             _ if name.starts_with("Drop") || name.starts_with("Destroy") => {}
@@ -181,29 +200,34 @@ impl Replay<'_> {
         Ok(())
     }
 
-    fn made(&self, name: &str, action: &str, text: &str, others: &[u64]) -> Object {
+    /// The places of what stands at these addresses.
+    fn known(&self, addresses: &[u64]) -> Vec<usize> {
+        addresses.iter().filter_map(|address| self.at.get(address).copied()).collect()
+    }
+
+    fn made(&self, name: &str, action: &str, text: &str, others: &[usize]) -> Object {
         let mut object = Object { digest: digest([text]), ..Object::default() };
         match name {
             "CreateBindGroupLayout" => {
-                let is_writable = |(_, of): &(u64, &str)| {
-                    of.contains("read_only: false")
-                        || of.contains("access: WriteOnly")
-                        || of.contains("access: ReadWrite")
-                };
+                // What is not known to be read alone counts as written.
+                const READ: [&str; 4] =
+                    ["read_only: true", "Uniform", "ty: Texture(", "ty: Sampler("];
+                let is_writable =
+                    |(_, of): &(u64, &str)| !READ.iter().any(|read| of.contains(read));
                 let written = bindings(action).into_iter().filter(is_writable);
                 object.writable = written.map(|(binding, _)| binding).collect();
             }
             "CreateBindGroup" => {
-                let layout = others.first().and_then(|layout| self.objects.get(layout));
+                let layout = others.first().map(|layout| &self.objects[*layout]);
                 for (binding, of) in bindings(action) {
-                    let shown = addresses(of);
+                    let shown = self.known(&addresses(of));
                     if layout.is_none_or(|layout| layout.writable.contains(&binding)) {
                         object.writes.extend(&shown);
                     }
                     object.shows.extend(shown);
                 }
             }
-            "CreateTextureView" => object.shows = others.to_vec(),
+            "CreateTextureView" => (object.is_view, object.shows) = (true, others.to_vec()),
             _ => {}
         }
         object
@@ -221,6 +245,10 @@ impl Replay<'_> {
             return Ok(());
         }
         for command in commands {
+            let name = command.trim_start().split(|c: char| !c.is_alphanumeric()).next();
+            if !COMMANDS.contains(&name.unwrap_or_default()) {
+                return Err(format!("a command that is not known: {}", name.unwrap_or_default()));
+            }
             let text = self.replaced(command)?;
             let written = self.written(command);
             if let Some((_, done, all)) = &mut self.turn {
@@ -235,24 +263,29 @@ impl Replay<'_> {
     }
 
     /// Buffers and textures that a command may write.
-    fn written(&self, command: &str) -> Vec<u64> {
+    fn written(&self, command: &str) -> Vec<usize> {
         const TARGETS: [&str; 3] = ["view: PointerId(", "resolve_target: Some(PointerId(", "dst: "];
-        let targets = TARGETS.iter().flat_map(|field| {
-            command
-                .match_indices(field)
-                .filter_map(|(at, _)| addresses(&command[at..]).into_iter().next())
-        });
-        let groups = command.match_indices("bind_group: Some(");
-        let groups = groups.filter_map(|(at, _)| addresses(&command[at..]).into_iter().next());
-        let of_groups =
-            groups.filter_map(|group| self.objects.get(&group)).flat_map(|group| &group.writes);
-        targets.chain(of_groups.copied()).map(|address| self.root(address)).collect()
+        // A depth that is only tested is read.
+        let is_tested = |at: usize| {
+            let mut next = command[at..].lines().skip(1).map(str::trim);
+            [next.next(), next.next()] == [Some("depth: ReadOnly,"), Some("stencil: ReadOnly,")]
+        };
+        let behind = |field| {
+            let places = command.match_indices(field).map(|(at, _)| at);
+            let places = places.filter(|at| !is_tested(*at));
+            let first = places.filter_map(|at| addresses(&command[at..]).first().copied());
+            self.known(&first.collect::<Vec<_>>())
+        };
+        let groups = behind("bind_group: Some(");
+        let of_groups = groups.into_iter().flat_map(|group| self.objects[group].writes.clone());
+        let written = TARGETS.into_iter().flat_map(behind).chain(of_groups);
+        written.map(|object| self.root(object)).collect()
     }
 
     /// From now on these hold what was written by work of this digest.
-    fn write(&mut self, written: &[u64], work: &str) {
-        for (place, address) in written.iter().enumerate() {
-            self.object(*address).digest = digest([work, &place.to_string()]);
+    fn write(&mut self, written: &[usize], work: &str) {
+        for (place, object) in written.iter().enumerate() {
+            self.objects[*object].digest = digest([work, &place.to_string()]);
         }
     }
 
@@ -263,24 +296,17 @@ impl Replay<'_> {
         self.stages.entry(name).or_default().push(work);
     }
 
-    fn object(&mut self, address: u64) -> &mut Object {
-        self.objects.entry(address).or_default()
-    }
-
     /// The texture that a view is of, or the object itself.
-    fn root(&self, address: u64) -> u64 {
-        let of = self.objects.get(&address).filter(|object| object.writes.is_empty());
-        match of.map(|object| object.shows.as_slice()) {
-            Some([texture]) => *texture,
-            _ => address,
+    fn root(&self, object: usize) -> usize {
+        match self.objects[object].shows.as_slice() {
+            [texture] if self.objects[object].is_view => *texture,
+            _ => object,
         }
     }
 
-    /// What stands at an address and what that shows now.
-    fn resolve(&self, address: u64) -> String {
-        let Some(Object { digest: own, shows, .. }) = self.objects.get(&address) else {
-            return "nothing".to_owned();
-        };
+    /// What an object is, and what that shows now.
+    fn resolve(&self, object: usize) -> String {
+        let Object { digest: own, shows, .. } = &self.objects[object];
         digest(std::iter::once(own.clone()).chain(shows.iter().map(|of| self.resolve(*of))))
     }
 
@@ -291,7 +317,9 @@ impl Replay<'_> {
         for line in text.lines().filter(|line| !is_label(line)) {
             let mut line = line.to_owned();
             for address in addresses(&line) {
-                line = line.replace(&format!("{POINTER}{address})"), &self.resolve(address));
+                let object = self.at.get(&address).map(|object| self.resolve(*object));
+                let name = format!("{POINTER}{address})");
+                line = line.replace(&name, &object.ok_or("a command names what was not made")?);
             }
             if let Some((before, rest)) = line.split_once(FILE) {
                 let (name, after) = rest.split_once('"').ok_or("a file has no name")?;
@@ -348,34 +376,44 @@ mod tests {
     use super::*;
     use crate::worker::fingerprint;
 
-    /// Of the pipeline `hsao` on a small picture.
-    fn stages(sets: &[(&str, Value)]) -> BTreeMap<String, String> {
+    /// Of a pipeline on a small picture.
+    fn stages(pipeline: &str, sets: &[(&str, Value)]) -> BTreeMap<String, String> {
         let view = [("view.width", json!(32)), ("view.height", json!(24))];
         let sets = [&view[..], sets].concat();
         let sets: Vec<_> = sets.into_iter().map(|(path, value)| (path.to_owned(), value)).collect();
         let mut subjects = Subjects::new(&Catalog::builtin()).silent();
-        let subject = subjects.subject("hsao", "ball", &sets).unwrap();
+        let subject = subjects.subject(pipeline, "ball", &sets).unwrap();
         let stages = fingerprint(&Options::default(), &subject).unwrap();
         stages.into_iter().map(|stage| (stage.name, stage.digest)).collect()
     }
 
+    /// Over targets, storage buffers, copies, and work that is done once.
     #[test]
     fn a_change_is_seen_in_its_stage_and_in_those_that_read_what_it_leaves() {
-        let base = stages(&[]);
-        let all: Vec<&str> = base.keys().map(String::as_str).collect();
-        for (path, value, expected) in [
-            ("filter.radius_px", json!(2), &["ao/compose", "hsao/filter"][..]),
-            ("shadow.size", json!(128), &["ao/compose", "shadow/depth"]),
-            ("hsao.steps", json!(15), &["ao/compose", "hsao/filter", "hsao/march"]),
-            ("compose.show", json!("occlusion"), &["ao/compose"]),
-            // The uniforms that all of them share.
-            ("light.intensity_w_sr", json!(3.0), &all),
-            ("filter.taps", json!(17), &[]),
+        let small = |path, value| -> [(&str, Value); 1] { [(path, value)] };
+        for (pipeline, path, values, expected) in [
+            ("hsao", "filter.radius_px", [json!(4), json!(2)], "ao/compose hsao/filter"),
+            ("hsao", "shadow.size", [json!(64), json!(128)], "ao/compose shadow/depth"),
+            ("hsao", "hsao.steps", [json!(16), json!(15)], "ao/compose hsao/filter hsao/march"),
+            ("hsao", "compose.show", [json!("image"), json!("occlusion")], "ao/compose"),
+            ("hsao", "filter.taps", [json!(17), json!(17)], ""),
+            (
+                "underwater",
+                "caustics.tolerance_m",
+                [json!(0.001), json!(0.002)],
+                "caustics/filter caustics/splat caustics/trace compose",
+            ),
+            (
+                "volume_ao",
+                "voxel.resolution",
+                [json!(16), json!(17)],
+                "ao/bilateral ao/compose ao/march voxel/clear voxel/overlap voxel/unpack",
+            ),
         ] {
-            let head = stages(&[(path, value)]);
-            let changed = base.iter().filter(|(name, digest)| head[*name] != **digest);
+            let [base, head] = values.map(|value| stages(pipeline, &small(path, value)));
+            let changed = head.iter().filter(|(name, of)| base.get(*name) != Some(*of));
             let changed: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
-            assert_eq!(changed, expected, "{path}");
+            assert_eq!(changed.join(" "), expected, "{pipeline} {path}");
         }
     }
 
