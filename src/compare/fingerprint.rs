@@ -368,9 +368,12 @@ fn check_length(name: &str, content: &[u8], action: &str) -> Result<(), String> 
 
 #[cfg(test)]
 mod tests {
-    use fathom_gpu::{Gpu, Options};
+    use fathom_base::parameter::{self, ParamField};
+    use fathom_gpu::{Gpu, Options, OutputData, Stage, read_buffer, read_texture, read_volume};
     use fathom_harness::catalog::Catalog;
-    use fathom_harness::subject::Subjects;
+    use fathom_harness::subject::{Subject, Subjects};
+    use fathom_pipelines::KINDS;
+    use fathom_pipelines::draw::{Random, near};
     use serde_json::{Value, json};
 
     use super::*;
@@ -383,7 +386,11 @@ mod tests {
         let sets: Vec<_> = sets.into_iter().map(|(path, value)| (path.to_owned(), value)).collect();
         let mut subjects = Subjects::new(&Catalog::builtin()).silent();
         let subject = subjects.subject(pipeline, "ball", &sets).unwrap();
-        let stages = fingerprint(&Options::default(), &subject).unwrap();
+        stages_of(&subject)
+    }
+
+    fn stages_of(subject: &Subject) -> BTreeMap<String, String> {
+        let stages = fingerprint(&Options::default(), subject).unwrap();
         stages.into_iter().map(|stage| (stage.name, stage.digest)).collect()
     }
 
@@ -415,6 +422,85 @@ mod tests {
             let changed: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
             assert_eq!(changed.join(" "), expected, "{pipeline} {path}");
         }
+    }
+
+    /// What each stage leaves when the frame ends with it.
+    fn left(gpu: &Gpu, subject: &Subject) -> BTreeMap<String, Vec<Vec<f32>>> {
+        let pipeline = subject.build(gpu).unwrap();
+        let read = |stage: &&Stage| {
+            gpu.run(&pipeline.stages_up_to(&[stage.name()])).unwrap();
+            let data = stage.dumps.iter().map(|dump| match &dump.data {
+                OutputData::Buffer { buffer, .. } => {
+                    let bytes = read_buffer(gpu, buffer).unwrap();
+                    bytes.into_iter().map(f32::from).collect()
+                }
+                OutputData::Texture(texture) => read_texture(gpu, texture).unwrap().data,
+                OutputData::Volume { texture, level, .. } => {
+                    read_volume(gpu, texture, *level).unwrap().data
+                }
+            });
+            (stage.name().to_owned(), data.collect())
+        };
+        pipeline.stages().iter().map(read).collect()
+    }
+
+    /// One parameter at random in each pipeline, a tenth of `FATHOM_DRAWS` times: whatever leaves something else asks for something else.
+    #[test]
+    fn no_stage_that_leaves_something_else_is_unchanged() {
+        let draws: u32 = std::env::var("FATHOM_DRAWS").map_or(1, |text| text.parse().unwrap());
+        let draws = draws.div_ceil(10);
+        let (gpu, catalog) = (Gpu::open(&Options::default()).unwrap(), Catalog::builtin());
+        let mut subjects = Subjects::new(&catalog).silent();
+        let mut seen = [0; 2];
+        for (kind, scene) in KINDS.iter().zip(SCENES) {
+            let mut random = Random::new(77);
+            for _ in 0..draws {
+                let fields = (kind.fields)();
+                let field = &fields[(random.number() * fields.len() as f64) as usize];
+                let base = subjects.subject(kind.name, scene, &small(&fields, None)).unwrap();
+                let value = parameter::get(&base.params, &field.path).unwrap();
+                let drawn = near(value, field.allowed, &mut random);
+                let sets = small(&fields, Some((field.path.clone(), drawn)));
+                let head = subjects.subject(kind.name, scene, &sets);
+                let Some(head) = head.ok().filter(|head| head.build(&gpu).is_ok()) else {
+                    continue;
+                };
+                let [before, after] =
+                    [&base, &head].map(|subject| (stages_of(subject), left(&gpu, subject)));
+                for (name, holds) in &after.1 {
+                    let is_same = before.0.get(name) == after.0.get(name);
+                    let is_left = before.1.get(name) == Some(holds);
+                    // Sums of atomics may differ from run to run.
+                    let is_fault =
+                        is_same && !is_left && before.1.get(name) == left(&gpu, &base).get(name);
+                    assert!(!is_fault, "{} {}: {name}", kind.name, field.path);
+                    seen[usize::from(is_same)] += 1;
+                }
+            }
+        }
+        println!("{} stages changed, {} unchanged", seen[0], seen[1]);
+        assert!(seen.iter().all(|seen| *seen > 0));
+    }
+
+    const SCENES: [&str; 9] =
+        ["tank", "ball", "ball", "ball", "smoke", "tank", "ball", "specular", "planar_pool"];
+
+    /// A small picture, with one more parameter.
+    fn small(fields: &[ParamField], more: Option<(String, Value)>) -> Vec<(String, Value)> {
+        let sizes = [
+            ("view.width", json!(24)),
+            ("view.height", json!(18)),
+            ("shadow.size", json!(32)),
+            ("volume.reduce", json!(8)),
+            ("caustics.grid", json!(12)),
+            ("godrays.grid", json!(8)),
+            ("transfer.grid", json!([12, 12])),
+        ];
+        let sizes = sizes.map(|(path, value)| (path.to_owned(), value)).into_iter();
+        sizes
+            .filter(|(path, _)| fields.iter().any(|field| field.path == *path))
+            .chain(more)
+            .collect()
     }
 
     #[test]

@@ -64,7 +64,8 @@ pub fn parameters(kind: &PipelineKind, mut tree: Value, random: &mut Random) -> 
     tree
 }
 
-fn near(value: &Value, allowed: Allowed, random: &mut Random) -> Value {
+/// A value of a parameter near this one.
+pub fn near(value: &Value, allowed: Allowed, random: &mut Random) -> Value {
     match (value, allowed) {
         (Value::Array(all), _) => all.iter().map(|value| near(value, allowed, random)).collect(),
         (_, Allowed::Names(names)) => random.choose(names).into(),
