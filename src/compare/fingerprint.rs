@@ -109,6 +109,9 @@ pub fn of_trace(folder: &Path) -> Result<BTreeMap<String, String>, String> {
     let (objects, at) = (Vec::new(), HashMap::new());
     let mut replay = Replay { folder, objects, at, stages: BTreeMap::new(), turn: None };
     for action in items(whole.ok_or("the trace does not end")?, 0) {
+        if !action.trim_end().ends_with("),") {
+            return Err("an action of the trace is cut short".to_owned());
+        }
         replay.act(action)?;
     }
     replay.end_stage();
@@ -118,9 +121,9 @@ pub fn of_trace(folder: &Path) -> Result<BTreeMap<String, String>, String> {
 /// The items of a list whose lines are indented by so many spaces, each with all its lines.
 fn items(text: &str, indent: usize) -> impl Iterator<Item = &str> {
     let begins = move |line: &str| {
-        line.len() > indent
-            && line[..indent].trim().is_empty()
-            && line[indent..].starts_with(|first: char| first.is_ascii_uppercase())
+        line.split_at_checked(indent).is_some_and(|(before, rest)| {
+            before.trim().is_empty() && rest.starts_with(|first: char| first.is_ascii_uppercase())
+        })
     };
     let mut rest = text;
     std::iter::from_fn(move || {
@@ -147,7 +150,7 @@ fn digest<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
 }
 
 /// What was made. Others are named by their places in the list of all, as an address is used again after a drop.
-#[derive(Clone, Default)]
+#[derive(Default)]
 struct Object {
     /// Of how it was made, and of what it holds.
     digest: String,
@@ -180,18 +183,19 @@ impl Replay<'_> {
             self.at.insert(*own, self.objects.len());
             self.objects.push(Object::default());
         }
-        let text = self.replaced(action)?;
         match name {
             "Submit" => self.submit(action)?,
             "WriteBuffer" | "WriteTexture" => {
+                let text = self.replaced(action)?;
                 self.turn.iter_mut().for_each(|(_, done, _)| done.push(text.clone()));
                 let target = self.at.get(addresses.first().unwrap_or(&0));
                 let target = *target.ok_or("an upload to what was not made")?;
                 self.objects[target].digest = digest([self.resolve(target), text]);
             }
             _ if name.starts_with("Create") => {
-                let made = self.made(name, action, &text, &self.known(&addresses[1..]));
-                self.objects.last_mut().into_iter().for_each(|object| *object = made.clone());
+                let text = self.replaced(action)?;
+                let made = self.made(name, action, &text, &self.places_of(&addresses[1..]));
+                self.objects[self.at[&addresses[0]]] = made;
             }
             "Init" => {}
             _ if name.starts_with("Drop") || name.starts_with("Destroy") => {}
@@ -201,7 +205,7 @@ impl Replay<'_> {
     }
 
     /// The places of what stands at these addresses.
-    fn known(&self, addresses: &[u64]) -> Vec<usize> {
+    fn places_of(&self, addresses: &[u64]) -> Vec<usize> {
         addresses.iter().filter_map(|address| self.at.get(address).copied()).collect()
     }
 
@@ -220,7 +224,7 @@ impl Replay<'_> {
             "CreateBindGroup" => {
                 let layout = others.first().map(|layout| &self.objects[*layout]);
                 for (binding, of) in bindings(action) {
-                    let shown = self.known(&addresses(of));
+                    let shown = self.places_of(&addresses(of));
                     if layout.is_none_or(|layout| layout.writable.contains(&binding)) {
                         object.writes.extend(&shown);
                     }
@@ -274,7 +278,7 @@ impl Replay<'_> {
             let places = command.match_indices(field).map(|(at, _)| at);
             let places = places.filter(|at| !is_tested(*at));
             let first = places.filter_map(|at| addresses(&command[at..]).first().copied());
-            self.known(&first.collect::<Vec<_>>())
+            self.places_of(&first.collect::<Vec<_>>())
         };
         let groups = behind("bind_group: Some(");
         let of_groups = groups.into_iter().flat_map(|group| self.objects[group].writes.clone());
@@ -516,8 +520,8 @@ mod tests {
         }
         assert_eq!(of_trace(place), Ok(BTreeMap::new()));
         let uploads = std::fs::read_dir(place).unwrap().map(|entry| entry.unwrap().path());
-        let upload = uploads.filter(|path| path.extension().is_some_and(|ext| ext == "bin")).last();
-        let upload = upload.unwrap();
+        let uploads = uploads.filter(|path| path.extension().is_some_and(|ext| ext == "bin"));
+        let [upload] = uploads.collect::<Vec<_>>().try_into().unwrap();
         std::fs::write(&upload, [1; 60]).unwrap();
         assert!(of_trace(place).unwrap_err().ends_with("is cut short"));
         std::fs::remove_file(&upload).unwrap();
@@ -529,5 +533,9 @@ mod tests {
             std::fs::write(place.join("trace.ron"), &text[..end]).unwrap();
             assert_eq!(of_trace(place), Err("the trace does not end".to_owned()), "{end}");
         }
+        // Room again after some of an action could not be written.
+        let cut = text.find("WriteBuffer(").unwrap() + 20;
+        std::fs::write(place.join("trace.ron"), text[..cut].to_owned() + "\n]").unwrap();
+        assert_eq!(of_trace(place), Err("an action of the trace is cut short".to_owned()));
     }
 }

@@ -362,6 +362,11 @@ impl ComparisonRun<'_> {
             let known = |line: &UnchangedCells| line.configuration == configuration.id;
             if !self.before.unchanged.iter().any(known) && !self.waiting.is_interrupted() {
                 let lines = fingerprint::compare(builds, configuration, same_program);
+                if let Some(Compared::Unchanged(UnchangedCells { reason: Some(why), .. })) =
+                    lines.last()
+                {
+                    (self.waiting.report)(&format!("{}: all is measured: {why}", configuration.id));
+                }
                 self.write_lines(lines)?;
             }
             changed.push(configuration.clone());

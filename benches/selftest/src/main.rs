@@ -120,7 +120,7 @@ fn measure(test: &SelftestCli, workshop: &Workshop, trial: &Trial) -> Result<()>
             base_cells: None,
             filter: None,
             env_values: false,
-            settings: GateSettings { gates, seed, ..GateSettings::default() },
+            settings: GateSettings { gates, seed, all: true, ..GateSettings::default() },
             resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
             checkout: None,
         };
