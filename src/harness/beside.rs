@@ -16,7 +16,7 @@ pub struct Beside<T> {
     workers: usize,
     pending: usize,
     /// Of the tasks that are done: how many, and their time, seconds.
-    seen: (usize, f64),
+    finished: (usize, f64),
 }
 
 impl<T: Send + 'static> Beside<T> {
@@ -37,7 +37,7 @@ impl<T: Send + 'static> Beside<T> {
                 }
             });
         }
-        Self { tasks, done, workers, pending: 0, seen: (0, 0.0) }
+        Self { tasks, done, workers, pending: 0, finished: (0, 0.0) }
     }
 
     /// Hands a task over; what it gives, where there are no workers.
@@ -55,7 +55,7 @@ impl<T: Send + 'static> Beside<T> {
         match self.done.recv_timeout(if self.pending > 0 { within } else { Duration::ZERO }) {
             Ok((result, took_s)) => {
                 self.pending -= 1;
-                self.seen = (self.seen.0 + 1, self.seen.1 + took_s);
+                self.finished = (self.finished.0 + 1, self.finished.1 + took_s);
                 Some(result.unwrap_or_else(|panic| resume_unwind(panic)))
             }
             Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => None,
@@ -68,13 +68,13 @@ impl<T: Send + 'static> Beside<T> {
 
     /// Foreseen until all is done that was handed over, seconds.
     pub fn backlog_s(&self) -> f64 {
-        backlog_s(self.pending, self.workers, self.seen)
+        backlog_s(self.pending, self.workers, self.finished)
     }
 }
 
-/// Of tasks that take as long as those that were seen: how many, and their time.
-pub fn backlog_s(pending: usize, workers: usize, (seen, took_s): (usize, f64)) -> f64 {
-    pending.div_ceil(workers.max(1)) as f64 * took_s / seen.max(1) as f64
+/// Of tasks that take as long as those that are finished: how many, and their time.
+pub fn backlog_s(pending: usize, workers: usize, (finished, took_s): (usize, f64)) -> f64 {
+    pending.div_ceil(workers.max(1)) as f64 * took_s / finished.max(1) as f64
 }
 
 #[cfg(test)]

@@ -1,16 +1,16 @@
 //! Executor on the real device: builds cells, runs their frames, and writes their records.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Display;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use image::RgbImage;
 use itertools::Itertools as _;
 
 use super::beside::Beside;
+use super::cell_progress::{CellProgress, ComputedFigures, Done};
 use super::difference::References;
 use super::outcome::{CellFindings, build_record};
 use super::plan::{PlannedCell, PlannedExperiment};
@@ -27,14 +27,14 @@ use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
 use fathom_gpu::{
     ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, HostClock, MachineReader,
-    Pacer, Stage, StageCounters, Waker,
+    Pacer, Stage, Waker,
 };
 use fathom_pipelines as pipelines;
 use fathom_pipelines::{AnyPipeline, CountedReads, Judge, Judging, ReferenceCache};
 use fathom_record::output::picture_path;
 use fathom_record::{
-    Begun, Ceiling, Cell, Earlier, MachineState, Measured, Note, NoteKind, Outcome, Picture,
-    PictureKind, PictureScale, Profile, Record, RecordError, Run, SetUp,
+    Begun, Ceiling, Cell, MachineState, Measured, NoteKind, Outcome, Picture, PictureKind,
+    PictureScale, Profile, Record, RecordError, Run, SetUp,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -140,35 +140,6 @@ impl Session {
     }
 }
 
-/// What is known of an experiment's cells from batch to batch.
-#[derive(Default)]
-pub struct CellProgress {
-    /// The latest record of each cell, by its name; of an earlier run too.
-    pub records: BTreeMap<String, Cell>,
-    /// What was sampled of each cell.
-    pub samples: BTreeMap<usize, Samples>,
-    /// Of each cell, once it was found out.
-    pub findings: BTreeMap<usize, CellFindings>,
-    /// Of these they are found out beside.
-    awaited: BTreeSet<usize>,
-    counters: BTreeMap<usize, Vec<StageCounters>>,
-    /// A picture has been tried.
-    pictured: bool,
-}
-
-/// What was done beside.
-pub enum Done {
-    Findings(Box<Found>),
-    Report(Duration),
-}
-
-/// What was found out about a cell: the numbers of its experiment and its own, and what parts of it took, seconds.
-pub struct Found {
-    pub place: (usize, usize),
-    findings: CellFindings,
-    took_s: BTreeMap<SetUp, f64>,
-}
-
 /// Writes a picture from what was read back.
 type WritePicture = Box<dyn FnOnce(&Judge<'_>, &mut CellFindings) + Send>;
 
@@ -178,54 +149,6 @@ fn no_picture(shows: PictureKind) -> &'static str {
     match shows {
         PictureKind::Image => "no picture",
         PictureKind::Error => "no picture of the error",
-    }
-}
-
-impl CellProgress {
-    fn is_read(&self, cell: usize) -> bool {
-        self.findings.contains_key(&cell) || self.awaited.contains(&cell)
-    }
-
-    fn found(&mut self, cell: usize, findings: CellFindings) {
-        self.awaited.remove(&cell);
-        self.findings.insert(cell, findings);
-    }
-
-    /// Puts what was found out beside into the cell's latest record, if it still has one.
-    pub fn complete(&mut self, found: Found, name: &str) -> Option<&mut Measured> {
-        self.found(found.place.1, found.findings.clone());
-        let Outcome::Measured(measured) = &mut self.records.get_mut(name)?.outcome else {
-            return None;
-        };
-        found.findings.add_to(measured);
-        Some(measured)
-    }
-
-    /// With the records of earlier runs, and those by resume key whose samples may be gone on with.
-    pub fn new(
-        planned: &PlannedExperiment,
-        before: &[Record],
-        earlier: &BTreeMap<String, Earlier<'_>>,
-    ) -> Self {
-        let cells = before.iter().filter_map(Record::try_as_cell_ref);
-        let own = cells.filter(|cell| cell.experiment == planned.experiment.id);
-        let finished = own.filter(|cell| cell.measured().is_none_or(Measured::is_finished));
-        let records: BTreeMap<String, Cell> =
-            finished.map(|cell| (cell.cell.clone(), Cell::clone(cell))).collect();
-        let mut measured = records.values().filter_map(Cell::measured);
-        let pictured = measured.any(|measured| !measured.pictures.is_empty());
-        let mut known = Self { records, pictured, ..Self::default() };
-        for (index, cell) in planned.cells.iter().enumerate() {
-            let earlier = earlier.get(&cell.resume_key).filter(|earlier| earlier.is_continued);
-            let Some(measured) = earlier.and_then(|earlier| earlier.cell.measured()) else {
-                continue;
-            };
-            known.samples.insert(index, Samples::recorded(measured));
-            if measured.is_finished() {
-                known.findings.insert(index, CellFindings::recorded(measured));
-            }
-        }
-        known
     }
 }
 
@@ -250,28 +173,6 @@ struct BuiltCell {
     frames: (f64, u32),
     /// What this thread took for the submission of each untimed one.
     submits_ns: Vec<f64>,
-}
-
-impl CellFindings {
-    /// What was found; why it was not is noted.
-    fn noted<T>(
-        &mut self,
-        kind: NoteKind,
-        failure: &str,
-        found: Result<T, impl Display>,
-    ) -> Option<T> {
-        let note = |error| Note::new(kind, format!("{failure}: {error}"));
-        found.map_err(|error| self.notes.push(note(error))).ok()
-    }
-
-    fn add(
-        &mut self,
-        failure: &str,
-        found: Result<impl IntoIterator<Item = (String, f64)>, impl Display>,
-    ) {
-        let found = self.noted(NoteKind::NotComputed, failure, found);
-        self.quantities.extend(found.into_iter().flatten());
-    }
 }
 
 impl<'a> CellExecutor<'a> {
@@ -314,7 +215,11 @@ impl<'a> CellExecutor<'a> {
 
     /// Reads figures and pictures back, and gives the task that computes errors from them: what can fail is noted and costs no
     /// measurement.
-    fn read(&mut self, cell: usize, built: &BuiltCell) -> impl FnOnce() -> Found + Send + 'static {
+    fn read(
+        &mut self,
+        cell: usize,
+        built: &BuiltCell,
+    ) -> impl FnOnce() -> ComputedFigures + Send + 'static {
         let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
         let mut findings = CellFindings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
@@ -368,7 +273,7 @@ impl<'a> CellExecutor<'a> {
             let start = times.since(start, SetUp::Errors);
             pictures.into_iter().for_each(|write| write(&judge, &mut findings));
             times.since(start, SetUp::Pictures);
-            Found { place, findings, took_s: times.set_up_s }
+            ComputedFigures { place, findings, took_s: times.set_up_s }
         }
     }
 
@@ -461,10 +366,10 @@ impl<'a> CellExecutor<'a> {
                 return Err(sample::device_lost(&reason));
             }
             self.progress.awaited.insert(cell);
-            let found = self.session.beside.run(|| Done::Findings(Box::new(task())));
-            if let Some(Done::Findings(found)) = found {
-                self.session.times.add(&found.took_s);
-                self.progress.found(cell, found.findings);
+            let done = self.session.beside.run(|| Done::Figures(Box::new(task())));
+            if let Some(Done::Figures(computed)) = done {
+                self.session.times.add(&computed.took_s);
+                self.progress.keep_findings(cell, computed.findings);
             }
             self.state(cell).costs.finish_s = Some(start.elapsed().as_secs_f64());
         }

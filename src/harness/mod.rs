@@ -7,6 +7,7 @@ pub mod assets;
 pub mod beside;
 pub mod catalog;
 pub mod ceilings;
+pub mod cell_progress;
 pub mod difference;
 pub mod dump;
 pub mod executor;

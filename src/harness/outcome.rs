@@ -1,6 +1,7 @@
 //! From samples to the figures of a record.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 
 use fathom_clock::{Samples, frame_record, sampling_notes, stage_record};
 use fathom_gpu::StageCounters;
@@ -64,6 +65,28 @@ impl CellFindings {
         let of_samples = std::mem::take(measured);
         *measured =
             Measured { stages, quantities, repeated, errors, notes, pictures, host, ..of_samples };
+    }
+}
+
+impl CellFindings {
+    /// What was found; why it was not is noted.
+    pub fn noted<T>(
+        &mut self,
+        kind: NoteKind,
+        failure: &str,
+        found: Result<T, impl Display>,
+    ) -> Option<T> {
+        let note = |error| Note::new(kind, format!("{failure}: {error}"));
+        found.map_err(|error| self.notes.push(note(error))).ok()
+    }
+
+    pub fn add(
+        &mut self,
+        failure: &str,
+        found: Result<impl IntoIterator<Item = (String, f64)>, impl Display>,
+    ) {
+        let found = self.noted(NoteKind::NotComputed, failure, found);
+        self.quantities.extend(found.into_iter().flatten());
     }
 }
 

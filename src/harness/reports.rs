@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use itertools::Itertools as _;
 
 use super::beside::Beside;
-use super::executor::Done;
+use super::cell_progress::Done;
 use super::progress::Progress;
 use super::schedule::Schedule;
 use fathom_record::output::Recording;

@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 
 use super::catalog::Catalog;
-use super::executor::{self, CellExecutor, CellProgress, Done, Found, RunTimes, Session};
+use super::cell_progress::{CellProgress, ComputedFigures, Done};
+use super::executor::{self, CellExecutor, RunTimes, Session};
 use super::plan::{self, GIVEN, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::reports::{MakeReport, Reports, RunOutput};
@@ -500,9 +501,9 @@ impl Measurement<'_> {
         let mut experiments = BTreeSet::new();
         while let Some(done) = self.session.beside.next(within) {
             match done {
-                Done::Findings(found) => {
-                    experiments.insert(found.place.0);
-                    self.complete(*found)?;
+                Done::Figures(computed) => {
+                    experiments.insert(computed.place.0);
+                    self.complete(*computed)?;
                 }
                 Done::Report(took) => self.output.reports.made(took),
             }
@@ -512,10 +513,10 @@ impl Measurement<'_> {
     }
 
     /// Writes the record of a cell whose figures are known now.
-    fn complete(&mut self, found: Found) -> Result<()> {
-        let (number, cell) = found.place;
+    fn complete(&mut self, computed: ComputedFigures) -> Result<()> {
+        let (number, cell) = computed.place;
         let planned = &self.planned[number].cells[cell];
-        let Some(measured) = self.progress[number].complete(found, &planned.plan.cell) else {
+        let Some(measured) = self.progress[number].complete(computed, &planned.plan.cell) else {
             return Ok(());
         };
         let outcome = match self.session.add_shares(measured) {

@@ -6,7 +6,7 @@ use std::path::Path;
 use fathom::Catalog;
 use fathom::gpu::Capacity;
 use fathom::harness::beside::backlog_s;
-use fathom::harness::executor::CellProgress;
+use fathom::harness::cell_progress::CellProgress;
 use fathom::harness::plan::{PlannedCell, PlannedExperiment, Request, plan};
 use fathom::harness::run::schedule;
 use fathom::harness::sample::CostForecast;

@@ -141,7 +141,7 @@ fn set_up(view: &Report<'_>) -> Option<String> {
     let parts = parts.map(|(part, s)| format!("{part} {} s", three(s))).join(", ");
     let parts = if parts.is_empty() { parts } else { format!(": {parts}") };
     let frames_s: f64 = view.ends.iter().map(|end| end.measured_gpu_s).sum();
-    let share = percent(frames_s / (wall_s + set_up_s));
+    let share = percent(frames_s / (wall_s + set_up_s).max(f64::MIN_POSITIVE));
     let (wall, set_up) = (three(wall_s), three(set_up_s));
     Some(format!(
         "Measuring took {wall} s, set-up {set_up} s{parts}. Frames took {share} of the time."
