@@ -10,5 +10,6 @@ const REVISION: &str = git_version::git_version!(
 );
 
 fn main() -> ExitCode {
-    fathom::cli::main(&fathom::Catalog::builtin().with_revision(REVISION))
+    let catalog = fathom::Catalog::builtin().with_revision(REVISION);
+    fathom::cli::main(&catalog.with_host_code(env!("FATHOM_HOST_CODE")))
 }

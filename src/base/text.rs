@@ -137,6 +137,13 @@ pub fn code(name: &str) -> String {
     format!("{fence}{padding}{name}{padding}{fence}")
 }
 
+/// A block of code in Markdown, whose fence is longer than any within it.
+pub fn fenced(language: &str, code: &str) -> String {
+    let longest = code.split(|c| c != '`').map(str::len).max().unwrap_or(0);
+    let fence = "`".repeat(longest.max(2) + 1);
+    format!("{fence}{language}\n{}\n{fence}\n", code.trim_end_matches('\n'))
+}
+
 /// A word of a command for a POSIX shell: in quotes where it holds more than plain characters.
 pub fn shell(word: &str) -> String {
     let word = line(word);

@@ -10,14 +10,23 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
+use itertools::chain;
 use sha2::{Digest as _, Sha256};
 
 use super::exact_gate::{ExactGateSide, both, reason};
 use super::flow::Program;
-use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
+use super::protocol::{
+    Fingerprints, GateConfiguration, Greeting, Reply, StageFingerprint, WorkerRequest,
+};
 use super::worker_process::WorkerStart;
-use fathom_record::comparison::{CellSubject, Compared, ExactFigures, Side, UnchangedCells};
+use fathom_record::comparison::{
+    CellSubject, ChangedStage, Compared, Differs, ExactFigures, Side, UnchangedCells,
+};
 
+/// Lines of a difference that a record holds.
+const MAX_DIFF_LINES: usize = 40;
+/// Characters of a line of it.
+const MAX_DIFF_CHARS: usize = 160;
 /// Before the commands of a stage its name is submitted alone, behind this.
 pub const STAGE_MARK: &str = "stage ";
 /// What of them is written is known: targets, destinations, and bind groups.
@@ -59,55 +68,128 @@ pub fn obstacle(programs: &[Program; 2], greetings: &[Greeting; 2]) -> Option<St
     (base != head).then(|| differs("the environment"))?
 }
 
-/// Which cells of a configuration ask the GPU for the same on both sides, with their declared work. What the host does is the same only
-/// in `same_program`s.
+/// Both programs do the same on the host: they are one file, or compiled of the same sources.
+pub fn is_same_code(greetings: &[Greeting; 2], digests: &[String; 2]) -> bool {
+    let [base, head] = greetings.each_ref().map(|of| of.host_code.as_ref());
+    digests[0] == digests[1] || base.is_some() && base == head
+}
+
+/// What both sides' fingerprints of a configuration say: which cells ask the GPU for the same, with their declared work, and how the
+/// others differ. What the host does is the same only in programs of the
+/// `same_code`.
 pub fn compare(
     builds: &mut [ExactGateSide<'_>; 2],
     configuration: &GateConfiguration,
-    same_program: bool,
+    same_code: bool,
 ) -> Vec<Compared> {
     let request = WorkerRequest::Fingerprint { configuration: configuration.clone() };
     let mut line =
         UnchangedCells { configuration: configuration.id.clone(), cells: Vec::new(), reason: None };
     let [base, head] = match both(builds, &request) {
-        [Ok(Reply::Fingerprint { stages: base }), Ok(Reply::Fingerprint { stages: head })] => {
-            [base, head]
-        }
+        [Ok(Reply::Fingerprint(base)), Ok(Reply::Fingerprint(head))] => [base, head],
         replies => {
             line.reason =
-                replies.iter().find(|of| !matches!(of, Ok(Reply::Fingerprint { .. }))).map(reason);
+                replies.iter().find(|of| !matches!(of, Ok(Reply::Fingerprint(_)))).map(reason);
             return vec![Compared::Unchanged(line)];
         }
     };
     let mut lines = Vec::new();
     for cell in configuration.cells() {
-        let CellSubject::Stage(name) = cell.subject() else { continue };
-        let sides = [&base, &head].map(|stages| stages.iter().find(|stage| stage.name == name));
+        let (CellSubject::Stage(name) | CellSubject::Encode(name)) = cell.subject() else {
+            let is_same = !base.created.is_empty() && base.created == head.created;
+            line.cells.extend((is_same && same_code).then_some(cell));
+            continue;
+        };
+        let sides = [&base, &head].map(|side| side.stages.iter().find(|stage| stage.name == name));
         let [Some(of_base), Some(of_head)] = sides else { continue };
-        if !of_base.digest.is_empty() && of_base.digest == of_head.digest {
+        let is_same = !of_base.digest.is_empty() && of_base.digest == of_head.digest;
+        if !cell.subject().is_stage() {
+            line.cells.extend((is_same && same_code).then_some(cell));
+        } else if is_same {
             lines.extend(Side::BOTH.into_iter().zip([of_base, of_head]).map(|(side, stage)| {
                 let (work, counters) = (stage.work, BTreeMap::new());
                 Compared::Exact(ExactFigures { side, cell: cell.clone(), work, counters })
             }));
             line.cells.push(cell);
+        } else {
+            let (differs, diff) = difference([of_base, of_head], [&base, &head]);
+            lines.push(Compared::Changed(ChangedStage { cell, differs, diff }));
         }
     }
-    let of_host = configuration.cells().filter(|cell| same_program && !cell.subject().is_stage());
-    line.cells.extend(of_host);
     lines.push(Compared::Unchanged(line));
     lines
 }
 
-/// Digest of each stage's work, by its name.
-///
+/// In what a stage's fingerprints differ, and the lines that do.
+fn difference(stages: [&StageFingerprint; 2], sides: [&Fingerprints; 2]) -> (Differs, String) {
+    let [base, head] = stages;
+    if base.shaders != head.shaders {
+        let names: BTreeSet<&String> = stages.iter().flat_map(|stage| &stage.sources).collect();
+        let texts = names.iter().map(|name| {
+            let [base, head] = sides.map(|side| side.sources.get(*name).map_or("", |of| of));
+            unified(name, base, head)
+        });
+        return (Differs::Shader, first_lines(&texts.collect::<String>()));
+    }
+    let of_commands = unified("commands", &base.commands, &head.commands);
+    let differs = if of_commands.is_empty() { Differs::Inputs } else { Differs::Commands };
+    (differs, first_lines(&of_commands))
+}
+
+/// Nothing where the texts are the same.
+fn unified(name: &str, base: &str, head: &str) -> String {
+    let [base_name, head_name] = ["a", "b"].map(|side| format!("{side}/{name}"));
+    let diff = similar::TextDiff::from_lines(base, head);
+    diff.unified_diff().header(&base_name, &head_name).to_string()
+}
+
+fn first_lines(text: &str) -> String {
+    let more = text.lines().count().saturating_sub(MAX_DIFF_LINES);
+    let short = |line: &str| line.chars().take(MAX_DIFF_CHARS).chain(['\n']).collect();
+    let kept = text.lines().take(MAX_DIFF_LINES).map(short);
+    let cut = (more > 0).then(|| format!("… and {more} lines more\n"));
+    chain![kept, cut].collect()
+}
+
+/// What a trace says of a configuration.
+#[derive(Debug, Default, PartialEq)]
+pub struct Traced {
+    pub stages: BTreeMap<String, TracedStage>,
+    /// Digest of all that was made and uploaded before the first stage.
+    pub created: String,
+}
+
+/// Its turns one after the other.
+#[derive(Debug, Default, PartialEq)]
+pub struct TracedStage {
+    /// Of its work, which becomes that of what it wrote.
+    works: Vec<String>,
+    /// Of the shaders that it runs.
+    shaders: BTreeSet<String>,
+    /// Their labels.
+    pub modules: BTreeSet<String>,
+    /// Its commands and how what they use was made, for people.
+    pub commands: String,
+    /// Names in that text.
+    names: HashMap<usize, String>,
+}
+
+impl TracedStage {
+    /// Of its work on its inputs, and of its shaders.
+    pub fn digests(&self) -> [String; 2] {
+        [digest(&self.works), digest(&self.shaders)]
+    }
+}
+
 /// # Errors
 /// One line: the trace is not whole.
-pub fn of_trace(folder: &Path) -> Result<BTreeMap<String, String>, String> {
+pub fn of_trace(folder: &Path) -> Result<Traced, String> {
     let path = folder.join("trace.ron");
     let text = std::fs::read_to_string(path).map_err(|error| format!("no trace: {error}"))?;
     let whole = text.strip_prefix("[\n").and_then(|text| text.strip_suffix(']'));
     let (objects, at) = (Vec::new(), HashMap::new());
-    let mut replay = Replay { folder, objects, at, stages: BTreeMap::new(), turn: None };
+    let (stages, created) = (BTreeMap::new(), Vec::new());
+    let mut replay = Replay { folder, objects, at, stages, created, turn: None };
     for action in items(whole.ok_or("the trace does not end")?, 0) {
         if !action.trim_end().ends_with("),") {
             return Err("an action of the trace is cut short".to_owned());
@@ -115,7 +197,7 @@ pub fn of_trace(folder: &Path) -> Result<BTreeMap<String, String>, String> {
         replay.act(action)?;
     }
     replay.end_stage();
-    Ok(replay.stages.into_iter().map(|(name, turns)| (name, digest(turns))).collect())
+    Ok(Traced { stages: replay.stages, created: digest(replay.created) })
 }
 
 /// The items of a list whose lines are indented by so many spaces, each with all its lines.
@@ -161,6 +243,9 @@ struct Object {
     /// Bindings of a layout that a shader can write.
     writable: BTreeSet<u64>,
     is_view: bool,
+    /// How it was made, and what that names in its order: itself, then others.
+    made: String,
+    others: Vec<usize>,
 }
 
 struct Replay<'a> {
@@ -168,8 +253,9 @@ struct Replay<'a> {
     objects: Vec<Object>,
     /// What stands at an address now.
     at: HashMap<u64, usize>,
-    /// Of each stage what all its turns were, one after the other.
-    stages: BTreeMap<String, Vec<String>>,
+    stages: BTreeMap<String, TracedStage>,
+    /// What was made and uploaded before the first stage.
+    created: Vec<String>,
     /// The stage whose turn it is, what it has done, and what it has written.
     turn: Option<(String, Vec<String>, Vec<usize>)>,
 }
@@ -188,13 +274,16 @@ impl Replay<'_> {
             "WriteBuffer" | "WriteTexture" => {
                 let text = self.replaced(action)?;
                 self.turn.iter_mut().for_each(|(_, done, _)| done.push(text.clone()));
+                self.create(&text);
                 let target = self.at.get(addresses.first().unwrap_or(&0));
                 let target = *target.ok_or("an upload to what was not made")?;
                 self.objects[target].digest = digest([self.resolve(target), text]);
             }
             _ if name.starts_with("Create") => {
                 let text = self.replaced(action)?;
-                let made = self.made(name, action, &text, &self.places_of(&addresses[1..]));
+                self.create(&text);
+                let mut made = self.made(name, action, &text, &self.places_of(&addresses[1..]));
+                made.others = self.places_of(&addresses);
                 self.objects[self.at[&addresses[0]]] = made;
             }
             "Init" => {}
@@ -204,13 +293,20 @@ impl Replay<'_> {
         Ok(())
     }
 
+    fn create(&mut self, text: &str) {
+        if self.stages.is_empty() && self.turn.is_none() {
+            self.created.push(digest([text]));
+        }
+    }
+
     /// The places of what stands at these addresses.
     fn places_of(&self, addresses: &[u64]) -> Vec<usize> {
         addresses.iter().filter_map(|address| self.at.get(address).copied()).collect()
     }
 
     fn made(&self, name: &str, action: &str, text: &str, others: &[usize]) -> Object {
-        let mut object = Object { digest: digest([text]), ..Object::default() };
+        let (digest, made) = (digest([text]), action.to_owned());
+        let mut object = Object { digest, made, ..Object::default() };
         match name {
             "CreateBindGroupLayout" => {
                 // What is not known to be read alone counts as written.
@@ -255,7 +351,13 @@ impl Replay<'_> {
             }
             let text = self.replaced(command)?;
             let written = self.written(command);
-            if let Some((_, done, all)) = &mut self.turn {
+            if let Some((stage, done, all)) = &mut self.turn {
+                let mut of_stage = self.stages.remove(stage).unwrap_or_default();
+                let used = addresses(command);
+                let used: Vec<usize> =
+                    used.iter().filter_map(|of| self.at.get(of).copied()).collect();
+                describe(&self.objects, command, &used, &mut of_stage);
+                self.stages.insert(stage.clone(), of_stage);
                 done.push(text);
                 all.extend(written);
             } else {
@@ -297,7 +399,7 @@ impl Replay<'_> {
         let Some((name, done, written)) = self.turn.take() else { return };
         let work = digest(done);
         self.write(&written, &work);
-        self.stages.entry(name).or_default().push(work);
+        self.stages.entry(name).or_default().works.push(work);
     }
 
     /// The texture that a view is of, or the object itself.
@@ -335,6 +437,37 @@ impl Replay<'_> {
             lines.push(line);
         }
         Ok(lines.join("\n"))
+    }
+}
+
+/// Adds a text to a stage's commands, with names in place of addresses, and behind it how each object was made that it names first.
+fn describe(objects: &[Object], text: &str, others: &[usize], stage: &mut TracedStage) {
+    let mut new = Vec::new();
+    let mut parts = text.split(POINTER);
+    let mut named = parts.next().unwrap_or_default().to_owned();
+    for (part, place) in parts.zip(others) {
+        let kind = objects[*place].made.split('(').next().unwrap_or_default();
+        let kind = kind.trim_start_matches("Create").trim_start_matches("General");
+        let number = stage.names.len() + 1;
+        let name = stage.names.entry(*place).or_insert_with(|| {
+            new.push(*place);
+            format!("{kind} {number}")
+        });
+        named += name;
+        named += part.split_once(')').map_or("", |(_, after)| after);
+    }
+    stage.commands += named.trim_end();
+    stage.commands += "\n";
+    for place in new {
+        let object = &objects[place];
+        let label =
+            object.made.split_once("label: Some(\"").and_then(|(_, of)| of.split('"').next());
+        if object.made.starts_with("CreateShaderModule") {
+            stage.shaders.insert(object.digest.clone());
+            stage.modules.extend(label.map(str::to_owned));
+        } else {
+            describe(objects, &object.made, &object.others, stage);
+        }
     }
 }
 
@@ -394,7 +527,7 @@ mod tests {
     }
 
     fn stages_of(subject: &Subject) -> BTreeMap<String, String> {
-        let stages = fingerprint(&Options::default(), subject).unwrap();
+        let stages = fingerprint(&Options::default(), subject).unwrap().stages;
         stages.into_iter().map(|stage| (stage.name, stage.digest)).collect()
     }
 
@@ -518,7 +651,7 @@ mod tests {
             drop(gpu.filled("filled", &[1; 64], wgpu::BufferUsages::COPY_SRC));
             gpu.flush().unwrap();
         }
-        assert_eq!(of_trace(place), Ok(BTreeMap::new()));
+        assert_eq!(of_trace(place).unwrap().stages, BTreeMap::new());
         let uploads = std::fs::read_dir(place).unwrap().map(|entry| entry.unwrap().path());
         let uploads = uploads.filter(|path| path.extension().is_some_and(|ext| ext == "bin"));
         let [upload] = uploads.collect::<Vec<_>>().try_into().unwrap();

@@ -1,6 +1,6 @@
 //! A comparison from its options to its stored lines: which builds, which gates, in which order.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -22,12 +22,13 @@ use super::worker_process::{Quiet, ReplyWait, WorkerStart, allowed_cores};
 use fathom_harness::assets;
 use fathom_harness::catalog::Catalog;
 use fathom_judge::adapters::AdapterRelation;
-use fathom_judge::counts;
+use fathom_judge::counts::{self, Change, CountChange};
+use fathom_judge::exact;
 use fathom_judge::store::{self, Comparison};
-use fathom_judge::time;
+use fathom_judge::time::{self, TimeVerdict};
 use fathom_record::comparison::{
-    CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate,
-    GateSettings, Side, Skip, UnchangedCells,
+    CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Differs, Fault,
+    Gate, GateSettings, Side, Skip, UnchangedCells,
 };
 use fathom_record::output::{FolderKind, LockedFolder, OutputError, Recording};
 use fathom_record::{Build, RecordError};
@@ -108,11 +109,17 @@ pub fn measure(
         Comparison { header, ..Comparison::default() }
     };
     let checks = without_checks(&greetings).is_none();
-    let mut run = ComparisonRun { options, output, interrupted, waiting, before, checks };
-    let changed = run.changed(&mut builds, &gates.configurations, digests[0] == digests[1])?;
-    let common = run.exact(&mut builds, &changed)?;
+    let told = BTreeSet::new();
+    let mut run = ComparisonRun { options, output, interrupted, waiting, before, checks, told };
+    let same_code = fingerprint::is_same_code(&greetings, &digests);
+    let mut common = Vec::new();
+    for suspected in run.changed(&mut builds, &gates.configurations, same_code)? {
+        let of_both = run.exact(&mut builds, &suspected)?;
+        run.instructions(&of_both)?;
+        common.extend(of_both);
+    }
+    run.checks(&mut builds, &common)?;
     drop(builds);
-    run.instructions(&common)?;
     run.time(&gates.control, &common)?;
     let end = ComparisonEnd {
         wall_s: start.elapsed().as_secs_f64(),
@@ -334,6 +341,8 @@ struct ComparisonRun<'a> {
     before: Comparison,
     /// Both sides have checks.
     checks: bool,
+    /// Verdicts that were told.
+    told: BTreeSet<(Gate, CellId)>,
 }
 
 impl ComparisonRun<'_> {
@@ -346,22 +355,21 @@ impl ComparisonRun<'_> {
         if self.waiting.is_interrupted() { Ok(()) } else { store::write(&mut self.output, lines) }
     }
 
-    /// The configurations without what asks the GPU for the same on both sides.
+    /// The configurations without what asks the GPU for the same on both sides, in groups of which the most suspicious comes first.
     fn changed(
         &mut self,
         builds: &mut [ExactGateSide<'_>; 2],
         configurations: &[GateConfiguration],
-        same_program: bool,
-    ) -> Result<Vec<GateConfiguration>> {
+        same_code: bool,
+    ) -> Result<Vec<Vec<GateConfiguration>>> {
         if self.before.header.settings.all {
-            return Ok(configurations.to_vec());
+            return Ok(vec![configurations.to_vec()]);
         }
         (self.waiting.report)("fingerprints: what each stage asks of the GPU");
-        let mut changed = Vec::new();
         for configuration in configurations {
             let known = |line: &UnchangedCells| line.configuration == configuration.id;
             if !self.before.unchanged.iter().any(known) && !self.waiting.is_interrupted() {
-                let lines = fingerprint::compare(builds, configuration, same_program);
+                let lines = fingerprint::compare(builds, configuration, same_code);
                 if let Some(Compared::Unchanged(UnchangedCells { reason: Some(why), .. })) =
                     lines.last()
                 {
@@ -369,16 +377,20 @@ impl ComparisonRun<'_> {
                 }
                 self.write_lines(lines)?;
             }
-            changed.push(configuration.clone());
         }
         self.before = Comparison::read(&self.output.output.folder)?;
-        for configuration in &mut changed {
-            let id = configuration.id.clone();
-            let is_changed = |stage: &String| !self.before.is_unchanged(&CellId::new(&id, stage));
-            configuration.stages.retain(is_changed);
+        let mut groups = BTreeMap::<_, Vec<GateConfiguration>>::new();
+        for configuration in configurations {
+            let mut changed = configuration.clone();
+            let cell = |stage: &String| CellId::new(&configuration.id, stage);
+            changed.stages.retain(|stage| !self.before.is_unchanged(&cell(stage)));
+            let suspicion = |stage: &String| suspicion(&self.before, &cell(stage));
+            if let Some(most) = changed.stages.iter().map(suspicion).min() {
+                changed.stages.sort_by_key(suspicion);
+                groups.entry(most).or_default().push(changed);
+            }
         }
-        changed.retain(|configuration| !configuration.stages.is_empty());
-        Ok(changed)
+        Ok(groups.into_values().collect())
     }
 
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
@@ -407,14 +419,40 @@ impl ComparisonRun<'_> {
             common.push(known);
         }
         common.retain(|configuration| !configuration.stages.is_empty());
-        let checked = |side| self.before.checks.iter().any(|check| check.side == side);
-        if self.checks && self.has_gate(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
-            let stages = common.iter().flat_map(|configuration| &configuration.stages);
-            let stages = stages.filter(|name| CellSubject::parse(name).is_stage());
-            let stages: Vec<String> = stages.sorted().dedup().cloned().collect();
-            self.write_lines(exact_gate::checks(builds, &stages))?;
-        }
+        self.tell_verdicts(Gate::Exact)?;
         Ok(common)
+    }
+
+    /// The checks of the stages that both sides have.
+    fn checks(
+        &mut self,
+        builds: &mut [ExactGateSide<'_>; 2],
+        common: &[GateConfiguration],
+    ) -> Result<()> {
+        let checked = |side| self.before.checks.iter().any(|check| check.side == side);
+        if !self.checks || !self.has_gate(Gate::Exact) || Side::BOTH.into_iter().all(checked) {
+            return Ok(());
+        }
+        let stages = common.iter().flat_map(|configuration| &configuration.stages);
+        let stages = stages.filter(|name| CellSubject::parse(name).is_stage());
+        let stages: Vec<String> = stages.sorted().dedup().cloned().collect();
+        (self.waiting.report)(&format!("exact gate: checks of {} stages", stages.len()));
+        Ok(self.write_lines(exact_gate::checks(builds, &stages))?)
+    }
+
+    /// Tells the verdicts of a gate that stand since it was last asked: a line for each change, and how many cells have none.
+    fn tell_verdicts(&mut self, gate: Gate) -> Result<()> {
+        self.before = Comparison::read(&self.output.output.folder)?;
+        let standing = standing(&self.before, gate).into_iter();
+        let new = standing.filter(|(cell, _)| self.told.insert((gate, cell.clone()))).collect_vec();
+        let tell = |line: String| (self.waiting.report)(&format!("{gate} gate: {line}"));
+        let changes = new.iter().filter_map(|(cell, change)| Some((cell, change.as_ref()?)));
+        changes.for_each(|(cell, change)| tell(format!("{cell}: {change}")));
+        let same = new.iter().filter(|(_, change)| change.is_none()).count();
+        if same > 0 {
+            tell(format!("cells without a change: {same}"));
+        }
+        Ok(())
     }
 
     fn instructions(&mut self, common: &[GateConfiguration]) -> Result<()> {
@@ -425,8 +463,8 @@ impl ComparisonRun<'_> {
         let options = self.options;
         let start = |side| options.start(side);
         instructions::run(&mut self.output, &self.before, common, false, &start, self.interrupted)?;
-        let so_far = Comparison::read(&self.output.output.folder)?;
-        let open = counts::open(&so_far);
+        self.tell_verdicts(Gate::Instructions)?;
+        let open = counts::open(&self.before);
         if open.is_empty() || !self.has_gate(Gate::Instructions) {
             return Ok(());
         }
@@ -440,7 +478,8 @@ impl ComparisonRun<'_> {
             of_open
         };
         let again: Vec<GateConfiguration> = common.iter().map(of_open).collect();
-        Ok(instructions::run(&mut self.output, &so_far, &again, true, &start, self.interrupted)?)
+        instructions::run(&mut self.output, &self.before, &again, true, &start, self.interrupted)?;
+        self.tell_verdicts(Gate::Instructions)
     }
 
     fn time(&mut self, control: &CellId, common: &[GateConfiguration]) -> Result<()> {
@@ -489,12 +528,58 @@ impl ComparisonRun<'_> {
                 Ok(())
             };
             launches::run(&schedule, &mut workers, &before, self.interrupted, sink)?;
-            self.before = Comparison::read(&self.output.output.folder)?;
+            self.tell_verdicts(Gate::Time)?;
             if self.before.launches.len() < look as usize {
                 break;
             }
         }
         Ok(())
+    }
+}
+
+/// The lower, the sooner a cell is measured: what differs most, or in a way that is not known, and what the host does last.
+fn suspicion(comparison: &Comparison, cell: &CellId) -> Option<Differs> {
+    let known = comparison.changed.iter().find(|changed| changed.cell == *cell);
+    let of_host = (!cell.subject().is_stage()).then_some(Differs::Inputs);
+    known.map(|changed| changed.differs).or(of_host)
+}
+
+/// The cells on which a gate has its verdict, and the change if there is one.
+fn standing(comparison: &Comparison, gate: Gate) -> Vec<(CellId, Option<String>)> {
+    let percent = |share: f64| 100.0 * share;
+    match gate {
+        Gate::Exact => {
+            let differences = exact::judge(comparison);
+            let changes = |cell: &CellId| {
+                let own = differences.iter().filter(|difference| difference.concerns(cell));
+                let told = own.map(|of| format!("{} {:.4} → {:.4}", of.figure, of.base, of.head));
+                Some(told.collect_vec().join("; ")).filter(|told| !told.is_empty())
+            };
+            let cells = comparison.header.cells.iter();
+            let known = cells.filter(|cell| comparison.has_exact(cell));
+            known.map(|cell| (cell.clone(), changes(cell))).collect()
+        }
+        Gate::Instructions => {
+            let open = counts::open(comparison);
+            let judged = counts::judge(comparison).into_iter();
+            let closed = judged.filter(|(cell, _)| !open.contains(cell));
+            let change = |of: &CountChange| format!("{:+.2} %", percent(of.ratio - 1.0));
+            closed
+                .map(|(cell, of)| (cell, (of.change != Change::Same).then(|| change(&of))))
+                .collect()
+        }
+        Gate::Time => {
+            let judged = time::judge(comparison).cells.into_iter();
+            let decided = judged.filter(|of| of.verdict != TimeVerdict::Inconclusive);
+            decided
+                .map(|of| {
+                    let [low, high] = of.change.ends().map(percent);
+                    let change =
+                        format!("{:+.1} % ({low:.1} … {high:.1})", percent(of.change.median));
+                    (of.cell, (of.verdict != TimeVerdict::Same).then_some(change))
+                })
+                .collect()
+        }
     }
 }
 

@@ -146,11 +146,15 @@ fn jobs<'a>(
         };
         return wanted.iter().map(|own| cells(own).flat_map(of_cell).collect()).collect();
     }
-    let groups = wanted.chunks(wanted.len().div_ceil(workers).max(1)).enumerate();
+    // Of few configurations the sides are counted at once, by a process each.
+    let is_few = wanted.len() < 2 * workers;
+    let count = if is_few { 1 } else { workers };
+    let groups = wanted.chunks(wanted.len().div_ceil(count).max(1)).enumerate();
     let of_group = |(number, group): (usize, &'a [GateConfiguration])| {
-        both(group.iter().flat_map(cells).collect(), format!("group-{number}-of-{workers}"))
+        both(group.iter().flat_map(cells).collect(), format!("group-{number}-of-{count}"))
     };
-    groups.map(of_group).collect()
+    let jobs = groups.map(of_group);
+    if is_few { jobs.flatten().map(|job| vec![job]).collect() } else { jobs.collect() }
 }
 
 /// Most that Mesa keeps of the shaders of a process.

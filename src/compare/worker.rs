@@ -11,12 +11,13 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::cells::Gates;
-use super::fingerprint::{self, STAGE_MARK};
+use super::fingerprint::{self, STAGE_MARK, TracedStage};
 use super::protocol::{
-    self, CheckReading, Exact, ExactStage, GateConfiguration, Greeting, PROTOCOL, Reply,
-    ServeError, StageFingerprint, StageKind, WorkerRequest,
+    self, CheckReading, Exact, ExactStage, Fingerprints, GateConfiguration, Greeting, PROTOCOL,
+    Reply, ServeError, StageFingerprint, StageKind, WorkerRequest,
 };
 use super::valgrind;
+use fathom_base::embedded::{Folders, SHADERS};
 use fathom_base::parameter::ParamError;
 use fathom_base::quiet;
 use fathom_gpu as gpu;
@@ -143,11 +144,8 @@ fn subject(
     subjects.subject(&configuration.pipeline, &configuration.scene, &overrides)
 }
 
-/// Digest of what each stage asks of the GPU in its first two frames, after what is run once.
-pub fn fingerprint(
-    options: &gpu::Options,
-    subject: &Subject,
-) -> Result<Vec<StageFingerprint>, Refusal> {
+/// What each stage asks of the GPU in its first two frames, after what is run once.
+pub fn fingerprint(options: &gpu::Options, subject: &Subject) -> Result<Fingerprints, Refusal> {
     let folder = tempfile::tempdir().map_err(|error| Refusal::NoTrace(error.to_string()))?;
     let trace = Some(folder.path().to_owned());
     // The trace ends when the device is gone.
@@ -163,12 +161,22 @@ pub fn fingerprint(
         }
         stages.iter().map(|stage| (stage.name().to_owned(), stage.work)).collect()
     };
-    let digests = fingerprint::of_trace(folder.path()).map_err(Refusal::NoTrace)?;
+    let mut traced = fingerprint::of_trace(folder.path()).map_err(Refusal::NoTrace)?;
+    let folders = options.shaders.clone().unwrap_or_else(|| Folders::new(SHADERS));
+    let mut sources = BTreeMap::new();
     let print = |(name, work): (String, Work)| {
-        let digest = digests.get(&name).cloned().unwrap_or_default();
-        StageFingerprint { digest, name, work }
+        let stage = traced.stages.remove(&name);
+        // Without a turn in the trace it has none, and counts as changed.
+        let [digest, shaders] = stage.as_ref().map(TracedStage::digests).unwrap_or_default();
+        let stage = stage.unwrap_or_default();
+        let own = stage.modules.iter().flat_map(|module| gpu::sources(&folders, module));
+        let own: BTreeMap<String, String> = own.collect();
+        let names = own.keys().cloned().collect();
+        sources.extend(own);
+        StageFingerprint { digest, name, work, shaders, sources: names, commands: stage.commands }
     };
-    Ok(works.into_iter().map(print).collect())
+    let stages = works.into_iter().map(print).collect();
+    Ok(Fingerprints { stages, created: traced.created, sources })
 }
 
 impl RequestServer<'_> {
@@ -186,7 +194,7 @@ impl RequestServer<'_> {
             WorkerRequest::Fingerprint { mut configuration } => {
                 configuration.params.extend(set_of(self.catalog, self.set, &configuration)?);
                 let subject = subject(&mut self.subjects, &configuration)?;
-                Ok(Reply::Fingerprint { stages: fingerprint(self.options, &subject)? })
+                Ok(Reply::Fingerprint(fingerprint(self.options, &subject)?))
             }
             WorkerRequest::Sample { config, stage, frames } => {
                 device.sample(&config, &stage, frames)
@@ -214,6 +222,7 @@ impl RequestServer<'_> {
             notes: device.gpu.notes.clone(),
             build: Some(self.catalog.build()),
             measured_by: Some(env!("FATHOM_MEASURED_BY").to_owned()),
+            host_code: Some(self.catalog.host_code.to_owned()).filter(|code| !code.is_empty()),
             cells: Gates::load(None, self.catalog.gates)
                 .map_or_else(|_| Vec::new(), |own| own.cells()),
         })))

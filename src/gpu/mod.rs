@@ -35,5 +35,5 @@ pub use limits::Demand;
 pub use loops::{MAX_ITERATIONS, describe_loop_turns, measure_loop_turns};
 pub use pipelines::CodeKey;
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
-pub use shader::{Shader, default_defs, link, shader_paths, text};
+pub use shader::{Shader, default_defs, link, shader_paths, sources, text};
 pub use stage::{Column, OutputData, ReadRow, Stage, StageDump, StageInfo, stages_before};

@@ -64,6 +64,22 @@ fn source(folders: &Folders, path: &str) -> Result<String, GpuError> {
     Ok(text)
 }
 
+/// The source of a shader and of all that it imports, by name; none of what is no shader of these folders.
+pub fn sources(folders: &Folders, path: &str) -> Vec<(String, String)> {
+    let mut wanted = vec![path.to_owned()];
+    let mut sources = BTreeMap::new();
+    while let Some(path) = wanted.pop() {
+        let Ok(text) = source(folders, &path) else { continue };
+        let imports = get_preprocessor_data(&text).1.into_iter();
+        let modules =
+            imports.filter_map(|of| Some(SHARED.to_owned() + of.import.split("::").nth(1)?));
+        let is_new = |module: &String| !sources.contains_key(&format!("{module}{ENDING}"));
+        wanted.extend(modules.filter(is_new).collect::<Vec<_>>());
+        sources.insert(path + ENDING, text);
+    }
+    sources.into_iter().collect()
+}
+
 /// The defaults in the shader's `// defs:` line.
 pub fn default_defs(folders: &Folders, path: &str) -> Result<Vec<(String, i32)>, GpuError> {
     parse_defs(&source(folders, path)?)

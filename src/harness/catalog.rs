@@ -54,6 +54,8 @@ pub struct Catalog {
     pub program: CargoTarget,
     /// Hash of the commit that the program was built of, with `-dirty` behind it where files differed; empty outside a repository.
     revision: &'static str,
+    /// Digest of all code that the program runs on the host; empty where it does not know.
+    pub host_code: &'static str,
     pub kinds: Vec<PipelineKind>,
     pub shaders: Folders,
     pub scenes: Folders,
@@ -75,6 +77,7 @@ impl Catalog {
         Self {
             program: CargoTarget::FATHOM,
             revision: "",
+            host_code: "",
             kinds: KINDS.to_vec(),
             shaders: Folders::new(SHADERS),
             scenes: Folders::new(SCENES),
@@ -102,6 +105,12 @@ impl Catalog {
     #[must_use]
     pub fn with_revision(self, revision: &'static str) -> Self {
         Self { revision, ..self }
+    }
+
+    /// Names by a digest all sources and libraries that the program was compiled of.
+    #[must_use]
+    pub fn with_host_code(self, host_code: &'static str) -> Self {
+        Self { host_code, ..self }
     }
 
     /// Names the program, for `compare --base REV`: `env!("CARGO_PKG_NAME")` and `env!("CARGO_BIN_NAME")`.

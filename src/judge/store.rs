@@ -8,8 +8,9 @@ use anyhow::{Context, bail};
 use fathom_base::folder;
 use fathom_record as record;
 use fathom_record::comparison::{
-    CellId, CheckFigure, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures,
-    ExactFigures, Fault, InstructionCounts, Launch, MAX_LAUNCHES, Pair, Side, UnchangedCells,
+    CellId, ChangedStage, CheckFigure, Compared, ComparisonEnd, ComparisonHeader,
+    ConfigurationFigures, ExactFigures, Fault, InstructionCounts, Launch, MAX_LAUNCHES, Pair, Side,
+    UnchangedCells,
 };
 use fathom_record::output::{RECORDS, Recording};
 use fathom_record::{Record, RecordError, RecordFile};
@@ -26,6 +27,7 @@ pub struct Comparison {
     pub header: ComparisonHeader,
     pub configurations: Vec<ConfigurationFigures>,
     pub unchanged: Vec<UnchangedCells>,
+    pub changed: Vec<ChangedStage>,
     pub exact: Vec<ExactFigures>,
     pub checks: Vec<CheckFigure>,
     pub instructions: Vec<InstructionCounts>,
@@ -77,6 +79,7 @@ impl Comparison {
                 Compared::Header(first) => header = header.or(Some(*first)),
                 Compared::Configuration(line) => all.configurations.push(line),
                 Compared::Unchanged(line) => all.unchanged.push(line),
+                Compared::Changed(line) => all.changed.push(line),
                 Compared::Exact(line) => all.exact.push(line),
                 Compared::Check(line) => all.checks.push(line),
                 Compared::Instructions(line) => all.instructions.push(line),

@@ -9,7 +9,7 @@ use super::counts::{self, Change, CountChange};
 use super::exact::{self, Difference, FigureKind};
 use super::store::Comparison;
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
-use fathom_record::comparison::{CellId, ComparisonHeader, Fault, Gate, Side};
+use fathom_record::comparison::{CellId, ChangedStage, ComparisonHeader, Fault, Gate, Side};
 
 /// Verdict on a cell, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Display, EnumIter)]
@@ -58,6 +58,8 @@ pub struct JudgedCell {
     pub verdict: CellVerdict,
     pub time: Option<CellTime>,
     pub instructions: Option<CountChange>,
+    /// How what it asks of the GPU differs, if it does and is known.
+    pub changed: Option<ChangedStage>,
     /// Differences of exact figures charged to this cell.
     pub differences: Vec<Difference>,
     /// Why it could not be measured, by one gate or another; each reason once.
@@ -129,6 +131,7 @@ impl<'a> Verdicts<'a> {
                 verdict: CellVerdict::NotMeasured,
                 time: times.get(cell).copied().cloned(),
                 instructions: counts.get(cell).cloned(),
+                changed: comparison.changed.iter().find(|of| of.cell == *cell).cloned(),
                 differences: differences.iter().filter(|d| d.concerns(cell)).cloned().collect(),
                 faults: unique(comparison.faults.iter().filter(own).filter(is_left)),
             };

@@ -151,6 +151,7 @@ pub enum Compared {
     Header(Box<ComparisonHeader>),
     Configuration(ConfigurationFigures),
     Unchanged(UnchangedCells),
+    Changed(ChangedStage),
     Exact(ExactFigures),
     Check(CheckFigure),
     Instructions(InstructionCounts),
@@ -353,6 +354,33 @@ pub struct UnchangedCells {
     /// Why the others count as changed, where their digests do not say it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+}
+
+/// A stage that asks the GPU for something else than the base's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ChangedStage {
+    pub cell: CellId,
+    /// The most that differs.
+    pub differs: Differs,
+    /// Lines of the shader's sources, or else of commands and descriptors, as a unified diff; the first few.
+    pub diff: String,
+}
+
+/// In what the sides' stages differ, the most suspicious first.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Differs {
+    /// In a shader as naga reads it.
+    #[strum(to_string = "its shader differs")]
+    Shader,
+    /// In commands, states, formats or sizes.
+    #[strum(to_string = "its commands or descriptors differ")]
+    Commands,
+    /// In uploads, or in what stages before it have left.
+    #[strum(to_string = "its inputs differ")]
+    Inputs,
 }
 
 /// Exact figures of a cell.

@@ -120,10 +120,7 @@ pub enum Reply {
         stages: Vec<StageKind>,
     },
     /// Stages of the same digest ask the GPU for the same work on the same inputs.
-    Fingerprint {
-        /// In frame order.
-        stages: Vec<StageFingerprint>,
-    },
+    Fingerprint(Fingerprints),
     /// One reading per frame.
     Sample {
         /// Nanoseconds, each above 0.
@@ -184,6 +181,9 @@ pub struct Greeting {
     /// Digest of the sources that measure and of the libraries below them; absent from programs that give no fingerprints.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_by: Option<String>,
+    /// Digest of all code that runs on the host; absent from programs that do not know.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub host_code: Option<String>,
     /// The cells of its own gates; absent from programs that have none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cells: Vec<CellId>,
@@ -202,6 +202,19 @@ pub struct StageKind {
     pub kind: PassKind,
 }
 
+/// What a configuration asks of the GPU.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Fingerprints {
+    /// In frame order.
+    pub stages: Vec<StageFingerprint>,
+    /// Digest of all that is made and uploaded before the first stage.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub created: String,
+    /// Sources of shaders by name, to show what differs.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub sources: BTreeMap<String, String>,
+}
+
 /// What a stage asks of the GPU.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageFingerprint {
@@ -211,6 +224,15 @@ pub struct StageFingerprint {
     pub digest: String,
     /// What the program declares that the stage does.
     pub work: Work,
+    /// Digest of its shaders alone.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub shaders: String,
+    /// Names of their sources and of what these import.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sources: Vec<String>,
+    /// Commands and descriptors in words, to show what differs.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub commands: String,
 }
 
 /// The exact figures of a configuration.

@@ -164,6 +164,8 @@ pub enum Block {
     Paragraph(Line),
     List(Vec<Line>),
     Table(Table),
+    /// Lines of a difference as they are.
+    Diff(String),
     /// A picture as SVG, in the text of a page alone.
     Chart(String),
     /// What a reader of a page opens.
@@ -337,6 +339,7 @@ pub fn terminal(parts: &[Block]) -> String {
             format!("\n{}\n", text::columns(&table.texts(Line::plain)).join("\n"))
         }
         Block::Chart(_) => String::new(),
+        Block::Diff(lines) => format!("\n{lines}"),
         Block::Fold(_, parts) | Block::Topic(_, _, parts) => terminal(parts),
         Block::Grid(cells) => cells.iter().map(|parts| terminal(parts)).collect(),
     };
@@ -354,6 +357,7 @@ pub fn markdown(parts: &[Block]) -> String {
             items.collect::<String>() + "\n"
         }
         Block::Table(table) => table.markdown(),
+        Block::Diff(lines) => text::fenced("diff", lines) + "\n",
         Block::Chart(_) => String::new(),
         Block::Grid(cells) => cells.iter().map(|parts| markdown(parts)).collect(),
         Block::Fold(line, parts) | Block::Topic(_, line, parts) => format!(
@@ -378,6 +382,7 @@ pub fn html(parts: &[Block]) -> Markup {
                 Block::Paragraph(line) => p { (line.html()) },
                 Block::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
                 Block::Table(table) => (table.html()),
+                Block::Diff(lines) => pre { (lines) },
                 Block::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
                 Block::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
                 Block::Topic(id, line, parts) => details.plot #(id) { summary { (line.html()) } (html(parts)) },

@@ -1,7 +1,7 @@
-//! A comment in a pull request: the verdict, the noise and the worst cells in at most 13 lines, however many cells there are. So a job can add a
-//! hidden mark and a link within 15.
+//! A comment in a pull request: the verdict, the noise and the worst cells in at most 13 lines, however many cells there are, beside folded
+//! blocks with what differs in the worst. So a job can add a hidden mark and a link within 15.
 
-use itertools::Itertools;
+use itertools::{Itertools, chain};
 
 use super::{document, rows};
 use crate::document::{Block, Line, Span, markdown};
@@ -20,13 +20,16 @@ pub fn export(verdicts: &Verdicts<'_>) -> String {
     let more = items.len().saturating_sub(MAX_ITEMS);
     let more = (more > 0).then(|| format!("and {more} more").into());
     let [sides, adapters] = rows::sides(verdicts).map(|side| name(&side));
-    let parts = [
-        Block::Heading(document::title(verdicts)),
-        Block::paragraph(noise + &rows::count_words(verdicts)),
-        Block::list(items.into_iter().take(MAX_ITEMS).chain(more)),
-        Block::paragraph(sides.and(" on ").and(adapters)),
+    let parts = chain![
+        [
+            Block::Heading(document::title(verdicts)),
+            Block::paragraph(noise + &rows::count_words(verdicts)),
+            Block::list(items.into_iter().take(MAX_ITEMS).chain(more)),
+            Block::paragraph(sides.and(" on ").and(adapters)),
+        ],
+        rows::differences_of_regressions(verdicts, MAX_ITEMS)
     ];
-    markdown(&parts).trim_end().to_owned() + "\n"
+    markdown(&parts.collect_vec()).trim_end().to_owned() + "\n"
 }
 
 /// What is wrong or open, the worst first.

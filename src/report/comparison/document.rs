@@ -39,10 +39,14 @@ impl VerdictBlocks {
             ]
             .collect(),
             verdict: vec![Block::list(rows::regressions(verdicts)), Block::paragraph(headline)],
-            details: vec![
-                Block::Fold("All cells".into(), vec![Block::Table(cells(verdicts))]),
-                Block::Fold("Notes".into(), vec![Block::list(rows::notes(verdicts))]),
-            ],
+            details: chain![
+                rows::differences_of_regressions(verdicts, usize::MAX),
+                [
+                    Block::Fold("All cells".into(), vec![Block::Table(cells(verdicts))]),
+                    Block::Fold("Notes".into(), vec![Block::list(rows::notes(verdicts))]),
+                ]
+            ]
+            .collect(),
         }
     }
 }

@@ -22,7 +22,7 @@ pub const OF_COMPARISONS: [ComparisonExporter; 5] = [
     format("markdown", "Markdown for the page of a job", "summary.md", document::markdown),
     format(
         "comment",
-        "a comment of at most 13 lines for a pull request",
+        "a comment of at most 13 lines for a pull request, beside folded blocks",
         "comment.md",
         comment::export,
     ),

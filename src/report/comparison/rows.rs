@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use indexmap::IndexMap;
 use itertools::{Itertools, chain};
 
+use crate::document::{Block, Line, Span};
 use crate::format::{NS_PER_MS, count_noun, mebibytes, si, three};
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts::{Change, CountChange};
@@ -12,7 +13,7 @@ use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
 use fathom_judge::store::Comparison;
 use fathom_judge::time::{CellTime, ThrottledLaunches, TimeVerdict};
 use fathom_judge::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
-use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
+use fathom_record::comparison::{ChangedStage, ComparedBuild, Fault, Gate, Side, SideEnvironment};
 use fathom_record::{Adapter, Interval, machine};
 
 /// Columns of a table of cells.
@@ -28,6 +29,7 @@ pub fn cell(cell: &JudgedCell) -> [String; 7] {
     let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
     let differences = cell.differences.iter().map(difference);
     let faults = cell.faults.iter().map(fault);
+    let changed = cell.changed.iter().map(|changed| changed.differs.to_string());
     [
         cell.cell.to_string(),
         cell.verdict.to_string(),
@@ -35,7 +37,7 @@ pub fn cell(cell: &JudgedCell) -> [String; 7] {
         or_none(time.map(change)),
         or_none(detectable.map(|share| format!("{:.1} %", 100.0 * share))),
         or_none(counted.map(|counted| format!("{} {}", si(counted.base), more(counted)))),
-        differences.chain(faults).chain(time.and_then(throttled)).join("; "),
+        chain![differences, faults, time.and_then(throttled), changed].join("; "),
     ]
 }
 
@@ -158,13 +160,27 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
     cells.chain(whole).collect()
 }
 
+/// Behind regressions what differs in them, each difference once: a fold for each.
+pub fn differences_of_regressions(verdicts: &Verdicts<'_>, max: usize) -> Vec<Block> {
+    let regressions = verdicts.regressions().into_iter().take(max);
+    let changed = regressions.filter_map(|cell| cell.changed.as_ref());
+    let told = changed.filter(|changed| !changed.diff.is_empty()).unique_by(|of| &of.diff);
+    let fold = |changed: &ChangedStage| {
+        let about = Line::from(Span::Code(changed.cell.stage().to_owned()));
+        let about = about.and(format!(": {}", changed.differs));
+        Block::Fold(about, vec![Block::Diff(changed.diff.clone())])
+    };
+    told.map(fold).collect()
+}
+
 /// What a cell's time and instructions say.
 pub fn reasons(cell: &JudgedCell) -> Vec<String> {
     let time = cell.time.iter();
     let time = time.flat_map(|time| [Some(format!("time {}", change(time))), throttled(time)]);
     let counted = cell.instructions.iter();
     let counted = counted.map(|counted| Some(format!("instructions {}", more(counted))));
-    time.chain(counted).flatten().collect()
+    let changed = cell.changed.iter().map(|changed| Some(changed.differs.to_string()));
+    time.chain(counted).chain(changed).flatten().collect()
 }
 
 /// What was compared, on what, by which gates; and everything else that is to be known.
@@ -190,6 +206,10 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     notes.extend(better.filter(|other| !other.worse).map(difference));
     notes.extend(verdicts.faults.iter().map(fault));
     notes.extend(configuration_notes(verdicts.comparison));
+    let unknown = verdicts.comparison.unchanged.iter().filter_map(|line| {
+        Some(format!("{}: all is measured: {}", line.configuration, line.reason.as_ref()?))
+    });
+    notes.extend(unknown);
     let conditions = verdicts.comparison.launches.iter().flat_map(|launch| &launch.notes);
     notes.extend(conditions.unique().map(|note| format!("time gate: {note}")));
     notes.extend(header.notes.iter().cloned());
