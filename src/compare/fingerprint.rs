@@ -561,6 +561,49 @@ mod tests {
         }
     }
 
+    /// By parameters that are uploads, sizes and states, and by the sources of a shader and of what it imports.
+    #[test]
+    fn what_differs_is_named_with_its_lines() {
+        let prints = |sets: &[(&str, Value)]| {
+            let view = [("view.width", json!(32)), ("view.height", json!(24))];
+            let sets = [&view[..], sets].concat().into_iter();
+            let sets: Vec<_> = sets.map(|(path, value)| (path.to_owned(), value)).collect();
+            let mut subjects = Subjects::new(&Catalog::builtin()).silent();
+            fingerprint(&Options::default(), &subjects.subject("hsao", "ball", &sets).unwrap())
+                .unwrap()
+        };
+        let base = prints(&[]);
+        let stage = |of: &Fingerprints, name: &str| {
+            of.stages.iter().find(|stage| stage.name == name).unwrap().clone()
+        };
+        let told = |head: &Fingerprints, name: &str| {
+            let [old, new] = [&base, head].map(|side| stage(side, name));
+            difference([&old, &new], [&base, head])
+        };
+        let size = prints(&[("shadow.size", json!(512))]);
+        let (differs, diff) = told(&size, "shadow/depth");
+        assert_eq!(differs, Differs::Commands);
+        for line in
+            ["--- a/commands\n", "     label: Some(\"shadow/depth\"),\n", "+        width: 512,\n"]
+        {
+            assert!(diff.contains(line), "{diff}");
+        }
+        let radius = prints(&[("filter.radius_px", json!(2))]);
+        assert_eq!(told(&radius, "hsao/filter"), (Differs::Inputs, String::new()));
+        // Another shader, of which a module's line differs.
+        let mut other = base.clone();
+        let filter = other.stages.iter_mut().find(|stage| stage.name == "hsao/filter").unwrap();
+        filter.shaders = "other".to_owned();
+        assert!(filter.sources.iter().any(|name| name == "shared/bilateral.wgsl"));
+        let module = other.sources.get_mut("shared/bilateral.wgsl").unwrap();
+        *module =
+            module.replacen("const MIN_WEIGHT: f32 = 1e-4;", "const MIN_WEIGHT: f32 = 1e-5;", 1);
+        let (differs, diff) = told(&other, "hsao/filter");
+        assert_eq!((differs, diff.lines().count()), (Differs::Shader, 11), "{diff}");
+        assert!(diff.contains("-const MIN_WEIGHT: f32 = 1e-4;\n+const MIN_WEIGHT: f32 = 1e-5;\n"));
+        assert_eq!(first_lines(&"a\n".repeat(50)), "a\n".repeat(40) + "… and 10 lines more\n");
+    }
+
     /// What each stage leaves when the frame ends with it.
     fn left(gpu: &Gpu, subject: &Subject) -> BTreeMap<String, Vec<Vec<f32>>> {
         let pipeline = subject.build(gpu).unwrap();

@@ -537,11 +537,11 @@ impl ComparisonRun<'_> {
     }
 }
 
-/// The lower, the sooner a cell is measured: what differs most, or in a way that is not known, and what the host does last.
-fn suspicion(comparison: &Comparison, cell: &CellId) -> Option<Differs> {
+/// The lower, the sooner a cell is measured: what differs in a way that is not known, then what differs most, and what the host does
+/// last.
+fn suspicion(comparison: &Comparison, cell: &CellId) -> (bool, Option<Differs>) {
     let known = comparison.changed.iter().find(|changed| changed.cell == *cell);
-    let of_host = (!cell.subject().is_stage()).then_some(Differs::Inputs);
-    known.map(|changed| changed.differs).or(of_host)
+    (!cell.subject().is_stage(), known.map(|changed| changed.differs))
 }
 
 /// The cells on which a gate has its verdict, and the change if there is one.

@@ -31,7 +31,7 @@ use tempfile::TempDir;
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::valgrind;
 use super::worker_process::{self, Quiet, ReplyWait, WorkerFault, WorkerProcess, WorkerStart};
-use fathom_base::{process, text};
+use fathom_base::process;
 use fathom_judge::store::{self, Comparison};
 use fathom_record::RecordError;
 use fathom_record::comparison::{
@@ -119,8 +119,8 @@ fn quieted(start: WorkerStart, core: Option<usize>) -> WorkerStart {
     WorkerStart { quiet: Some(quiet), ..start }
 }
 
-/// By groups of configurations, for both sides: a group for each of `workers`. Where each cell is counted `alone`, a job for each cell and
-/// side, those of a configuration one after the other, as they share a shader cache.
+/// By groups of configurations, for both sides: a group for each of `workers`, or one where there are few, whose sides are counted at
+/// once. Where each cell is counted `alone`, a job for each cell and side.
 fn jobs<'a>(
     before: &Comparison,
     wanted: &'a [GateConfiguration],
@@ -140,21 +140,26 @@ fn jobs<'a>(
         Side::BOTH.map(job).into_iter().filter(|job| !job.cells.is_empty()).collect_vec()
     };
     let cells = |own: &'a GateConfiguration| own.stages.iter().map(move |stage| (own, stage));
-    if alone {
-        let of_cell = |cell: (&'a GateConfiguration, &'a String)| {
-            both(vec![cell], text::file_stem(&cell.0.id))
+    let groups = if wanted.len() < 2 * workers { 1 } else { workers };
+    let size = wanted.len().div_ceil(groups).max(1);
+    // What a group's process has compiled those find that count one of its cells.
+    let shaders = |index: usize| format!("group-{}-of-{groups}", index / size);
+    let mut jobs: Vec<Vec<Job<'a>>> = if alone {
+        let of_configuration = |(index, own): (usize, &'a GateConfiguration)| {
+            cells(own).flat_map(|cell| both(vec![cell], shaders(index))).collect()
         };
-        return wanted.iter().map(|own| cells(own).flat_map(of_cell).collect()).collect();
-    }
-    // Of few configurations the sides are counted at once, by a process each.
-    let is_few = wanted.len() < 2 * workers;
-    let count = if is_few { 1 } else { workers };
-    let groups = wanted.chunks(wanted.len().div_ceil(count).max(1)).enumerate();
-    let of_group = |(number, group): (usize, &'a [GateConfiguration])| {
-        both(group.iter().flat_map(cells).collect(), format!("group-{number}-of-{count}"))
+        wanted.iter().enumerate().map(of_configuration).collect()
+    } else {
+        let of_group = |(number, group): (usize, &'a [GateConfiguration])| {
+            both(group.iter().flat_map(cells).collect(), shaders(number * size))
+        };
+        wanted.chunks(size).enumerate().map(of_group).collect()
     };
-    let jobs = groups.map(of_group);
-    if is_few { jobs.flatten().map(|job| vec![job]).collect() } else { jobs.collect() }
+    jobs.retain(|sides| !sides.is_empty());
+    if jobs.len() < workers {
+        jobs = jobs.into_iter().flatten().map(|job| vec![job]).collect();
+    }
+    jobs.into()
 }
 
 /// Most that Mesa keeps of the shaders of a process.
@@ -484,13 +489,13 @@ esac; done
             stages: stages.clone(),
             ..Default::default()
         };
-        let wanted = [own("one"), own("two"), own("three")];
+        let wanted = ["one", "two", "three", "four"].map(own);
         let mut before = Comparison::default();
         let cell = CellId::new("one", "a");
         let done = InstructionCounts { side: Side::Base, cell, counts: vec![1], second: true };
         before.instructions.push(done);
-        let told = |alone| {
-            let jobs = jobs(&before, &wanted, alone, 2).into_iter();
+        let told = |wanted: &[GateConfiguration], alone| {
+            let jobs = jobs(&before, wanted, alone, 2).into_iter();
             let names = |job: &Job<'_>| {
                 let cells = job.cells.iter().map(|(own, stage)| format!("{} {stage}", own.id));
                 format!("{}: {}", job.side, cells.format(", "))
@@ -498,10 +503,17 @@ esac; done
             jobs.map(|sides| sides.iter().map(names).collect_vec()).collect_vec()
         };
         let group = ["base: one a, one b, two a, two b", "head: one a, one b, two a, two b"];
-        assert_eq!(told(false), [group, ["base: three a, three b", "head: three a, three b"]]);
-        let alone = told(true);
+        assert_eq!(told(&wanted, false)[0], group);
+        assert_eq!(told(&wanted, false).len(), 2);
+        let alone = told(&wanted, true);
         assert_eq!(alone[0], ["head: one a", "base: one b", "head: one b"]);
         assert_eq!(alone[1], ["base: two a", "head: two a", "base: two b", "head: two b"]);
+        // Of few both sides at once.
+        assert_eq!(told(&wanted[..2], false), group.map(|side| [side]));
+        assert_eq!(
+            told(&wanted[..1], true),
+            alone[0].iter().map(|job| [job.clone()]).collect_vec()
+        );
     }
 
     #[test]

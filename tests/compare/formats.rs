@@ -8,7 +8,7 @@ use std::path::Path;
 use fathom::compare::store::Comparison;
 use fathom::exporters;
 use fathom::judge::verdict::Verdicts;
-use fathom::record::comparison::{Compared, Gate, PairStates, Side, Skip};
+use fathom::record::comparison::{Compared, Differs, Gate, PairStates, Side, Skip};
 use fathom::record::{MachineState, Record, ThrottleReason};
 
 use super::common::{CommandOutput, Ends, Place, fathom, holds, names};
@@ -24,12 +24,14 @@ fn mixed() -> Stored {
         .work(slow, 100, 120)
         .counts(slow, 1.061)
         .times(slow, false, 1.05, 0.004)
+        .changed(slow, Differs::Shader, "--- a/caustics/trace.wgsl\n+++ b/caustics/trace.wgsl\n@@ -7,1 +7,1 @@\n-    return 1.0; // ``` <b>\n+    return 2.0;\n")
         .same(same)
         .work(wrong, 100, 100)
         .counts(wrong, 0.98)
         .check(("caustics/filter", "rounding"), 1e-7, 2e-7)
         .check(("caustics/filter", "energy"), 0.05, 0.01)
         .times(wrong, false, 1.0, 0.004)
+        .changed(wrong, Differs::Inputs, "")
         .counts(fast, 0.8)
         .check(("godrays/lines", "intensity"), 0.01, 0.2)
         .times(fast, false, 0.85, 0.01)
@@ -128,10 +130,14 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
     place.fathom("run --resume --out stored").refused("holds no run but other records");
 }
 
-/// The comment of a comparison, which has lines for one of a job's and a link of at most 15.
+/// The comment of a comparison, which has lines for one of a job's and a link of at most 15, beside at most five folded blocks.
 fn comment(stored: Stored) -> String {
     let (_, comment) = render("comment", stored);
-    assert!(comment.lines().count() <= 13, "{comment}");
+    let mut parts = comment.split("<details>");
+    assert!(parts.next().unwrap().trim_end().lines().count() <= 13, "{comment}");
+    for (number, part) in parts.enumerate() {
+        assert!(number < 5 && part.trim_end().ends_with("</details>"), "{comment}");
+    }
     comment
 }
 
@@ -140,7 +146,8 @@ fn a_comment_stays_short_and_begins_with_what_is_worst() {
     let names: Vec<String> = (0..40).map(|number| format!("tank stage-{number}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let all = names.iter().zip(0..).fold(Stored::new(&names), |stored, (name, number)| {
-        stored.same(name).counts(name, 1.05 + 0.01 * f64::from(number))
+        let stored = stored.same(name).counts(name, 1.05 + 0.01 * f64::from(number));
+        stored.changed(name, Differs::Shader, &format!("-{}\n+b\n", number / 2))
     });
     let comment = comment(all);
     let lines: Vec<&str> = comment.lines().collect();
@@ -148,7 +155,10 @@ fn a_comment_stays_short_and_begins_with_what_is_worst() {
     assert!(lines[2].starts_with("quiet: launches of the median cell scatter by "), "{comment}");
     assert!(lines[2].ends_with(". 40 cells: 40 costlier"), "{comment}");
     assert!(lines[4].starts_with("- `tank stage-39`: costlier: "), "{comment}");
-    assert!(lines[4].ends_with("; instructions +44.00 %"), "{comment}");
+    assert!(lines[4].ends_with("; instructions +44.00 %; its shader differs"), "{comment}");
+    // Five cells of three shaders.
+    assert_eq!(comment.matches("```diff\n").count(), 3);
+    assert!(comment.contains("</summary>\n\n```diff\n-19\n+b\n```\n"), "{comment}");
     assert_eq!(lines[9], "- and 35 more");
 }
 

@@ -7,9 +7,9 @@ use fathom::compare::store;
 use fathom::harness::output::{FolderKind, LockedFolder};
 use fathom::record::ErrorFigure;
 use fathom::record::comparison::{
-    CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
-    ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch, Pair,
-    Side,
+    CellId, ChangedStage, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
+    ConfigurationFigures, Differs, ExactFigures, Fault, Gate, GateSettings, InstructionCounts,
+    Launch, Pair, Side,
 };
 use fathom::record::protocol::CheckReading;
 use fathom::record::{Adapter, Work};
@@ -160,6 +160,13 @@ impl Stored {
     /// A cell in which nothing is counted to change.
     pub fn counted(self, name: &str) -> Self {
         self.work(name, 100, 100).counts(name, 1.0)
+    }
+
+    /// What it asks of the GPU differs so.
+    pub fn changed(mut self, name: &str, differs: Differs, diff: &str) -> Self {
+        let (cell, diff) = (cell(name), diff.to_owned());
+        self.lines.push(Compared::Changed(ChangedStage { cell, differs, diff }));
+        self
     }
 
     pub fn same(self, name: &str) -> Self {

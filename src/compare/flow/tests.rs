@@ -3,7 +3,7 @@ use rand_pcg::Pcg64;
 
 use super::*;
 use fathom_record::Adapter;
-use fathom_record::comparison::{Launch, Pair};
+use fathom_record::comparison::{ChangedStage, Launch, Pair};
 
 fn fault(launch: u32, cell: &CellId, control: bool) -> Compared {
     let fault = Fault::new(Gate::Time, Some(Side::Head), Some(cell.clone()), "gone");
@@ -62,6 +62,23 @@ fn what_failed_before_an_interruption_is_tried_again() {
     assert_eq!(before.given_up.into_iter().collect::<Vec<_>>(), [second]);
     assert!(!before.control_lost);
     assert_eq!(comparison.end.unwrap().wall_s, 40.0);
+}
+
+/// What differs in a way that is not known comes before what is known to differ in its inputs alone, and the host's part last.
+#[test]
+fn cells_are_measured_in_the_order_of_suspicion() {
+    let changed = |stage: &str, differs| {
+        let cell = CellId::new("c", stage);
+        Compared::Changed(ChangedStage { cell, differs, diff: String::new() })
+    };
+    let of = comparison(vec![
+        changed("inputs", Differs::Inputs),
+        changed("states", Differs::Commands),
+        changed("shader", Differs::Shader),
+    ]);
+    let mut stages = ["encode:shader", "inputs", "states", "shader", "unknown", "create"];
+    stages.sort_by_key(|stage| suspicion(&of, &CellId::new("c", stage)));
+    assert_eq!(stages, ["unknown", "shader", "states", "inputs", "encode:shader", "create"]);
 }
 
 /// What a comparison is asked for, by a number for each program, setting and scene.

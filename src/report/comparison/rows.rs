@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use indexmap::IndexMap;
 use itertools::{Itertools, chain};
 
-use crate::document::{Block, Line, Span};
+use crate::document::Block;
 use crate::format::{NS_PER_MS, count_noun, mebibytes, si, three};
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts::{Change, CountChange};
@@ -166,8 +166,7 @@ pub fn differences_of_regressions(verdicts: &Verdicts<'_>, max: usize) -> Vec<Bl
     let changed = regressions.filter_map(|cell| cell.changed.as_ref());
     let told = changed.filter(|changed| !changed.diff.is_empty()).unique_by(|of| &of.diff);
     let fold = |changed: &ChangedStage| {
-        let about = Line::from(Span::Code(changed.cell.stage().to_owned()));
-        let about = about.and(format!(": {}", changed.differs));
+        let about = format!("{}: {}", changed.cell.stage(), changed.differs).into();
         Block::Fold(about, vec![Block::Diff(changed.diff.clone())])
     };
     told.map(fold).collect()
