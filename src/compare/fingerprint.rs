@@ -7,8 +7,10 @@
 //!
 //! wgpu ignores every error of writing a trace. One that is not whole is an error here, never a digest.
 
+use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
+use std::sync::LazyLock;
 
 use itertools::chain;
 use sha2::{Digest as _, Sha256};
@@ -149,6 +151,46 @@ fn first_lines(text: &str) -> String {
     let kept = text.lines().take(MAX_DIFF_LINES).map(short);
     let cut = (more > 0).then(|| format!("… and {more} lines more\n"));
     chain![kept, cut].collect()
+}
+
+/// Counts what wgpu's core warns of: what it cannot write into a trace it leaves out, and says so there alone.
+struct WarningCounter;
+
+thread_local! {
+    static WARNINGS: Cell<u32> = const { Cell::new(0) };
+}
+
+impl log::Log for WarningCounter {
+    fn enabled(&self, about: &log::Metadata<'_>) -> bool {
+        about.level() <= log::Level::Warn && about.target().starts_with("wgpu_core")
+    }
+
+    fn log(&self, record: &log::Record<'_>) {
+        if self.enabled(record.metadata()) {
+            WARNINGS.set(WARNINGS.get() + 1);
+        }
+    }
+
+    fn flush(&self) {}
+}
+
+/// What `record` gives.
+///
+/// # Errors
+/// One line: wgpu has warned meanwhile, or a logger of the program's own would keep that from being known.
+pub fn without_warnings<T>(record: impl FnOnce() -> T) -> Result<T, String> {
+    static IS_OWN: LazyLock<bool> = LazyLock::new(|| {
+        let is_own = log::set_logger(&WarningCounter).is_ok();
+        log::set_max_level(log::max_level().max(log::LevelFilter::Warn));
+        is_own
+    });
+    if !*IS_OWN {
+        return Err("the program has a logger, so what wgpu warns of is not known".to_owned());
+    }
+    WARNINGS.set(0);
+    let recorded = record();
+    let warnings = WARNINGS.get();
+    (warnings == 0).then_some(recorded).ok_or_else(|| "wgpu warned while it was written".to_owned())
 }
 
 /// What a trace says of a configuration.
@@ -681,6 +723,16 @@ mod tests {
             .filter(|(path, _)| fields.iter().any(|field| field.path == *path))
             .chain(more)
             .collect()
+    }
+
+    #[test]
+    fn a_warning_of_wgpus_core_voids_a_trace_and_no_other_does() {
+        let core = "wgpu_core::device::trace::record";
+        assert_eq!(without_warnings(|| log::info!(target: core, "writing")), Ok(()));
+        assert_eq!(without_warnings(|| log::warn!(target: "wgpu_hal", "no layer")), Ok(()));
+        let warned = without_warnings(|| log::warn!(target: core, "RON serialization failure"));
+        assert!(warned.is_err());
+        assert_eq!(without_warnings(|| 1), Ok(1));
     }
 
     #[test]

@@ -149,7 +149,7 @@ pub fn fingerprint(options: &gpu::Options, subject: &Subject) -> Result<Fingerpr
     let folder = tempfile::tempdir().map_err(|error| Refusal::NoTrace(error.to_string()))?;
     let trace = Some(folder.path().to_owned());
     // The trace ends when the device is gone.
-    let works: Vec<(String, Work)> = {
+    let record = || -> Result<Vec<(String, Work)>, Refusal> {
         let gpu = Gpu::open(&gpu::Options { trace, ..options.clone() })?;
         let pipeline = subject.build(&gpu)?;
         let stages = pipeline.stages();
@@ -159,8 +159,9 @@ pub fn fingerprint(options: &gpu::Options, subject: &Subject) -> Result<Fingerpr
             gpu.queue.submit([marker.finish()]);
             gpu.run(&[*stage])?;
         }
-        stages.iter().map(|stage| (stage.name().to_owned(), stage.work)).collect()
+        Ok(stages.iter().map(|stage| (stage.name().to_owned(), stage.work)).collect())
     };
+    let works = fingerprint::without_warnings(record).map_err(Refusal::NoTrace)??;
     let mut traced = fingerprint::of_trace(folder.path()).map_err(Refusal::NoTrace)?;
     let folders = options.shaders.clone().unwrap_or_else(|| Folders::new(SHADERS));
     let mut sources = BTreeMap::new();

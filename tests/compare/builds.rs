@@ -119,6 +119,21 @@ fn what_is_unchanged_is_not_measured() {
     assert_ne!(stored.exact[0].work, fathom::record::Work::default());
 }
 
+/// Where a disk is full a trace is cut: what cannot be told is measured. A file may hold 4 KiB here.
+#[cfg(unix)]
+#[test]
+fn what_has_no_whole_trace_is_measured() {
+    let place = Place::new();
+    let full = "trap '' XFSZ; ulimit -f 8; exec";
+    let start = format!("{full} '{}' worker", env!("CARGO_BIN_EXE_fathom"));
+    let mut compare = place.fathom("compare --out out --gates exact --cells voxel/alpha");
+    let output = compare.args(["--base-cmd", &start, "--head-cmd", &start]).ends(0);
+    let stored = Comparison::read(&place.path("out")).unwrap();
+    assert_eq!(verdict(&stored, "alpha voxel/alpha"), CellVerdict::Same, "{}", output.out);
+    assert!(stored.unchanged.iter().all(|line| line.cells.is_empty() && line.reason.is_some()));
+    holds(&output.out, &["alpha: all is measured: no fingerprint: "]);
+}
+
 /// A real gate on the default adapter over one cell.
 #[test]
 fn equal_builds_execute_equally_many_instructions() {
