@@ -34,6 +34,9 @@ use fathom_record::output::{FolderKind, LockedFolder, OutputError, Recording};
 use fathom_record::{Build, RecordError};
 use fathom_scene::SceneFile;
 
+/// So few configurations are counted together, whatever differs.
+const FEW: usize = 3;
+
 /// A build to compare.
 #[derive(Clone, Debug)]
 pub struct Program {
@@ -379,7 +382,7 @@ impl ComparisonRun<'_> {
             }
         }
         self.before = Comparison::read(&self.output.output.folder)?;
-        let mut groups = BTreeMap::<_, Vec<GateConfiguration>>::new();
+        let mut all = Vec::new();
         for configuration in configurations {
             let mut changed = configuration.clone();
             let cell = |stage: &String| CellId::new(&configuration.id, stage);
@@ -387,10 +390,14 @@ impl ComparisonRun<'_> {
             let suspicion = |stage: &String| suspicion(&self.before, &cell(stage));
             if let Some(most) = changed.stages.iter().map(suspicion).min() {
                 changed.stages.sort_by_key(suspicion);
-                groups.entry(most).or_default().push(changed);
+                all.push((most, changed));
             }
         }
-        Ok(groups.into_values().collect())
+        all.sort_by_key(|(most, _)| *most);
+        // Another process under callgrind takes longer than a few more configurations in one.
+        let is_few = all.len() <= FEW;
+        let groups = all.chunk_by(|a, b| is_few || a.0 == b.0);
+        Ok(groups.map(|group| group.iter().map(|(_, own)| own.clone()).collect()).collect())
     }
 
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.

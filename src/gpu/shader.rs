@@ -64,20 +64,18 @@ fn source(folders: &Folders, path: &str) -> Result<String, GpuError> {
     Ok(text)
 }
 
-/// The source of a shader and of all that it imports, by name; none of what is no shader of these folders.
-pub fn sources(folders: &Folders, path: &str) -> Vec<(String, String)> {
-    let mut wanted = vec![path.to_owned()];
+/// The source of a shader and of all that it imports, by file.
+pub fn sources(folders: &Folders, path: &str) -> BTreeMap<String, String> {
+    let mut modules = modules(folders);
+    let mut wanted: Vec<_> =
+        source(folders, path).map(|text| (path.to_owned(), text)).into_iter().collect();
     let mut sources = BTreeMap::new();
-    while let Some(path) = wanted.pop() {
-        let Ok(text) = source(folders, &path) else { continue };
-        let imports = get_preprocessor_data(&text).1.into_iter();
-        let modules =
-            imports.filter_map(|of| Some(SHARED.to_owned() + of.import.split("::").nth(1)?));
-        let is_new = |module: &String| !sources.contains_key(&format!("{module}{ENDING}"));
-        wanted.extend(modules.filter(is_new).collect::<Vec<_>>());
+    while let Some((path, text)) = wanted.pop() {
+        let imports = get_preprocessor_data(&text).1;
+        wanted.extend(imports.iter().filter_map(|of| modules.remove(&of.import)));
         sources.insert(path + ENDING, text);
     }
-    sources.into_iter().collect()
+    sources
 }
 
 /// The defaults in the shader's `// defs:` line.
@@ -109,57 +107,79 @@ pub fn link(folders: &Folders, path: &str, defs: &[(&str, i32)]) -> Result<naga:
     values.extend(defs.iter().map(|(name, value)| ((*name).to_owned(), *value)));
     let shader_defs: HashMap<String, ShaderDefValue> =
         values.into_iter().map(|(name, value)| (name, ShaderDefValue::Int(value))).collect();
-    let cached = COMPOSER.take().filter(|(of, _)| *of == folders.names());
-    let mut composer = cached.map_or_else(|| composer(folders), |(_, composer)| Ok(composer))?;
+    let source = source(folders, path)?;
+    let cached = LINKER.take().filter(|linker| linker.of == folders.names());
+    let mut linker = cached.unwrap_or_else(|| Linker::new(folders));
+    linker.add_imports(&source)?;
     let descriptor = NagaModuleDescriptor {
-        source: &source(folders, path)?,
+        source: &source,
         file_path: &format!("shaders/{path}.wgsl"),
         shader_type: ShaderType::Wgsl,
         shader_defs,
         additional_imports: &[],
     };
-    let linked = composer
+    let linked = linker
+        .composer
         .make_naga_module(descriptor)
-        .map_err(|error| annotated(path, &error, &composer))?;
-    COMPOSER.set(Some((folders.names(), composer)));
+        .map_err(|error| annotated(path, &error, &linker.composer))?;
+    LINKER.set(Some(linker));
     Ok(linked)
 }
 
 thread_local! {
-    /// Kept from shader to shader, with the folders that it knows: to make one takes longer than to link with it. A failed link
-    /// leaves none.
-    static COMPOSER: Cell<Option<(Vec<Cow<'static, str>>, Composer)>> = const { Cell::new(None) };
+    /// Kept from shader to shader, as to add a module takes longer than to link with it. A failed link leaves none.
+    static LINKER: Cell<Option<Linker>> = const { Cell::new(None) };
+}
+
+/// Path and source of the modules that shaders of these folders can import, by the names by which they do.
+fn modules(folders: &Folders) -> BTreeMap<String, (String, String)> {
+    let mut modules = folders.texts(ENDING);
+    modules.retain(|(path, _)| path.starts_with(SHARED));
+    modules.push(("host".to_owned(), host_module()));
+    let named = modules.into_iter().filter_map(|(path, source)| {
+        let name = source.lines().find_map(|line| line.strip_prefix("#define_import_path "))?;
+        Some((name.trim().to_owned(), (path, source)))
+    });
+    named.collect()
+}
+
+/// Links shaders with those modules that they import: it takes a quarter of a second to add all.
+struct Linker {
+    /// The folders that it knows.
+    of: Vec<Cow<'static, str>>,
+    composer: Composer,
+    /// Modules that no shader has imported so far.
+    waiting: BTreeMap<String, (String, String)>,
+}
+
+impl Linker {
+    fn new(folders: &Folders) -> Self {
+        let composer = Composer::default().with_capabilities(naga::valid::Capabilities::all());
+        Self { of: folders.names(), composer, waiting: modules(folders) }
+    }
+
+    /// Adds what a source imports, each module after those that it imports. What is unknown or circular is named by naga_oil.
+    fn add_imports(&mut self, source: &str) -> Result<(), GpuError> {
+        for import in get_preprocessor_data(source).1 {
+            let Some((path, source)) = self.waiting.remove(&import.import) else { continue };
+            self.add_imports(&source)?;
+            let file_path = format!("shaders/{path}.wgsl");
+            let descriptor = ComposableModuleDescriptor {
+                source: &source,
+                file_path: &file_path,
+                ..Default::default()
+            };
+            if let Err(error) = self.composer.add_composable_module(descriptor) {
+                return Err(annotated(&path, &error, &self.composer));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// naga_oil's message with the lines of source it speaks of.
 fn annotated(path: &str, error: &ComposerError, composer: &Composer) -> GpuError {
     GpuError::Shader { path: path.to_owned(), message: error.emit_to_string(composer) }
-}
-
-/// A composer that knows every shared module. A module is added once those it imports are there.
-fn composer(folders: &Folders) -> Result<Composer, GpuError> {
-    let mut composer = Composer::default().with_capabilities(naga::valid::Capabilities::all());
-    let mut waiting = folders.texts(ENDING);
-    waiting.retain(|(path, _)| path.starts_with(SHARED));
-    waiting.push(("host".to_owned(), host_module()));
-    while !waiting.is_empty() {
-        let imported = |source: &str| get_preprocessor_data(source).1;
-        let ready = waiting.iter().position(|(_, source)| {
-            imported(source).iter().all(|import| composer.contains_module(&import.import))
-        });
-        // None is ready when an import is unknown or circular: adding one gives the message.
-        let (path, source) = waiting.remove(ready.unwrap_or(0));
-        let file_path = format!("shaders/{path}.wgsl");
-        let descriptor = ComposableModuleDescriptor {
-            source: &source,
-            file_path: &file_path,
-            ..Default::default()
-        };
-        if let Err(error) = composer.add_composable_module(descriptor) {
-            return Err(annotated(&path, &error, &composer));
-        }
-    }
-    Ok(composer)
 }
 
 /// A linked shader as WGSL, for other implementations of WebGPU.
