@@ -24,13 +24,14 @@ mod evidence;
 mod fits;
 
 use indexmap::IndexMap;
+use itertools::Itertools;
 use serde_json::{Map, Value};
 use strum::Display;
 
 use self::evidence::{BoundCheck, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Quantity};
-use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, Test};
+use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, Least, Test};
 use fathom_base::statistics;
 use fathom_record::{Cell, NoteKind};
 
@@ -166,7 +167,21 @@ pub fn claimed_cells<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
     let concerned = |cell: &&&Cell| {
         measure::fits(cell, &claim.filter) && measure::follows(cell, &claim.method) && of_test(cell)
     };
-    cells.iter().filter(concerned).copied().collect()
+    let cells: Vec<&Cell> = cells.iter().filter(concerned).copied().collect();
+    claim.least.as_ref().map_or(cells.clone(), |least| of_least(least, &cells))
+}
+
+/// Along the axis the cell whose figure is least. All of them where one has none, as before they are measured.
+fn of_least<'a>(least: &Least, cells: &[&'a Cell]) -> Vec<&'a Cell> {
+    let value = |cell: &Cell| Some(read(&least.y, cell)?.median());
+    let chosen = |group: Vec<&'a Cell>| match group.iter().map(|cell| value(cell)).collect() {
+        Option::<Vec<f64>>::None => group,
+        Some(values) => {
+            let least = values.iter().position_min_by(|a, b| a.total_cmp(b));
+            least.map(|index| group[index]).into_iter().collect()
+        }
+    };
+    groups(cells, &least.over).into_iter().flat_map(|(_, group)| chosen(group)).collect()
 }
 
 /// The sets of cells whose times a claim holds against each other, each in the order of its axis. None where it asks for no time.

@@ -19,7 +19,7 @@ use super::{ExperimentError, Measure};
 use fathom_base::text;
 use fathom_record::{Cell, Profile};
 
-pub use claim::{Balance, Cause, Claim, Direction, FIXED_SHARE, RISING_SHARE, Ratio, Test};
+pub use claim::{Balance, Cause, Claim, Direction, FIXED_SHARE, Least, RISING_SHARE, Ratio, Test};
 pub use plot::{Plot, PlotKind};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -381,6 +381,7 @@ impl Experiment {
         let parsed = toml::from_str(&text).map_err(|error| invalid(one_line(&error, &text)));
         let mut experiment = Experiment { text, ..parsed? };
         experiment.check().map_err(invalid)?;
+        experiment.claim = experiment.claim.into_iter().flat_map(Claim::expanded).collect();
         for claim in experiment.claim.iter_mut().filter(|claim| claim.source.is_some()) {
             claim.method.clone_from(&experiment.method);
         }
@@ -437,7 +438,13 @@ impl Experiment {
                 return Err("a claim needs an `id`".to_owned());
             }
             let place = format!("claim `{}`", claim.id);
-            self.check_over(claim.test.over(), &place)?;
+            let axes = claim.each.keys().chain(claim.least.iter().map(|least| &least.over));
+            for axis in axes.map(String::as_str).chain(claim.test.over()) {
+                self.check_over(Some(axis), &place)?;
+            }
+            if claim.each.len() > 1 || claim.each.values().any(Vec::is_empty) {
+                return Err(format!("{place}: `each` takes one axis with its values"));
+            }
             if let Test::Ratio(ratio) = &claim.test {
                 ratio.check().map_err(|fault| format!("{place} {fault}"))?;
             }
@@ -494,7 +501,8 @@ impl Experiment {
 
     /// What its claims and plots read from a cell.
     pub fn measures(&self) -> Vec<&Measure> {
-        let claims = self.claim.iter().flat_map(|claim| claim.test.measures());
+        let least = self.claim.iter().filter_map(|claim| Some(&claim.least.as_ref()?.y));
+        let claims = self.claim.iter().flat_map(|claim| claim.test.measures()).chain(least);
         let plots = self.plot.iter().flat_map(|plot| plot.x.iter().chain(&plot.y));
         claims.chain(plots).collect()
     }

@@ -31,6 +31,39 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
     Cell { axes, outcome: Outcome::Measured(Box::new(measured)), ..Cell::default() }
 }
 
+/// Of the cells along `n` the one of least error is tested, at each value of `m` by a claim of its own.
+#[test]
+fn a_claim_stands_for_one_at_each_value_and_a_rule_chooses_its_cell() {
+    let two = SWEPT.to_owned() + "[[sweep.axis]]\nname = \"m\"\nvalues = [1]\n";
+    let rulings = |claim: &str, cells: &[Cell]| {
+        let text = format!("{two}[claim.c]\ntext = \"x\"\n{claim}");
+        own(&text).rulings(&cells.iter().collect::<Vec<_>>(), false)
+    };
+    let mut random = Pcg64::seed_from_u64(5);
+    let error = |n: f64, m: f64| m * (1.0 + (n - 2.0).powi(2));
+    let places = [1.0, 2.0, 3.0].into_iter().flat_map(|n| [1.0, 4.0].map(|m| (n, m)));
+    let mut at = |(n, m)| cell(&[("n", json!(n)), ("m", json!(m))], error(n, m), &mut random);
+    let cells: Vec<Cell> = places.map(&mut at).collect();
+    let test = "each.m = [1, 4]\nleast = { y = \"quantity:error\", over = \"n\" }\ntest.within = { y = \"quantity:error\", high = 1.2 }";
+    let told = |claim: &str, cells: &[Cell]| {
+        let found = rulings(claim, cells).into_iter();
+        found.map(|ruling| (ruling.id, ruling.verdict, ruling.deciding.len())).collect::<Vec<_>>()
+    };
+    let expected = [("c-1", Supported, 1), ("c-4", Contradicted, 1)];
+    assert_eq!(told(test, &cells), expected.map(|(id, of, n)| (id.to_owned(), of, n)));
+    assert!(rulings(test, &cells)[1].text.ends_with("x (m 4)"));
+    // Without the rule the cells of larger errors decide.
+    let all = test.replace("least = { y = \"quantity:error\", over = \"n\" }", "");
+    assert_eq!(told(&all, &cells)[0].1, Contradicted);
+    let two_axes = crate::Experiment::parse(
+        "own",
+        &format!(
+            "{OWN}{two}[claim.c]\ntext = \"x\"\neach = {{ m = [1], n = [1] }}\ntest.within = {{ y = \"frame\" }}"
+        ),
+    );
+    assert!(two_axes.unwrap_err().to_string().contains("`each` takes one axis"));
+}
+
 /// Cells along the axis `n` whose stage takes `ms(n)`.
 pub(super) fn swept(values: &[f64], ms: impl Fn(f64) -> f64) -> Vec<Cell> {
     let mut random = Pcg64::seed_from_u64(11);

@@ -1,11 +1,15 @@
 //! What a claim asserts, and how it is tested.
 
+use std::collections::BTreeMap;
+
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::super::{ClaimOrigin, Measure, fits, same};
 use super::earlier;
 use super::named::Named;
+use crate::expand::label_text;
+use fathom_base::text;
 use fathom_record::Cell;
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -27,6 +31,11 @@ pub struct Claim {
     /// Axis or parameter → value; all must hold.
     #[serde(default, rename = "where")]
     pub filter: Map<String, Value>,
+    /// Axis → values: the claim stands for one at each of them, with a verdict of its own.
+    #[serde(default)]
+    pub each: BTreeMap<String, Vec<Value>>,
+    /// Of the cells along an axis only the one of least error is tested.
+    pub least: Option<Least>,
     /// The experiment's [`Experiment::method`](super::Experiment::method), for a claim with a source: it is tested on no other cells.
     #[serde(skip)]
     pub method: Map<String, Value>,
@@ -36,6 +45,14 @@ pub struct Claim {
     pub cause: Option<Cause>,
     #[serde(deserialize_with = "earlier::test")]
     pub test: Test,
+}
+
+/// The cell along an axis in which a figure is least.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Least {
+    pub y: Measure,
+    pub over: String,
 }
 
 /// What a contradicted claim is retraced to.
@@ -80,6 +97,20 @@ impl Named for Claim {
 }
 
 impl Claim {
+    /// One claim for each value of `each`; itself without.
+    pub(super) fn expanded(self) -> Vec<Claim> {
+        let Some((axis, values)) = self.each.first_key_value() else { return vec![self] };
+        let at = |value: &Value| {
+            let label = label_text(value);
+            let mut filter = self.filter.clone();
+            filter.insert(axis.clone(), value.clone());
+            let id = format!("{}-{}", self.id, text::file_stem(&label));
+            let text = format!("{} ({axis} {label})", self.text);
+            Claim { id, text, filter, each: BTreeMap::new(), ..self.clone() }
+        };
+        values.iter().map(at).collect()
+    }
+
     pub fn origin(&self) -> ClaimOrigin {
         if self.source.is_some() { ClaimOrigin::Publication } else { ClaimOrigin::Own }
     }
