@@ -229,7 +229,7 @@ fn samples_smooth_a_picture() {
 fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let place = Place::new();
     let run = "run vao-guard --no-ceilings --profile quick --budget 10m --visits 1 --out out";
-    let cell = "--axis scene=corner --axis ao.guard=variable";
+    let cell = "--axis scene=corner --axis ao.guard=variable --axis ao.threshold=0.65";
     let small =
         "--set view.width=48 --set view.height=48 --set voxel.resolution=32 --set shadow.size=64";
     place.fathom(format!("{run} {cell} {small}")).ends(0);
@@ -241,7 +241,9 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     assert!(error > 0.0 && error < 0.2, "{error}");
     assert!(measured.quantities.get("ao_reference_mean").is_some_and(|mean| *mean > 0.01));
     for ending in ["", "~error"] {
-        let name = format!("out/renders/vao-guard_scene=corner,ao.guard=variable{ending}.png");
+        let name = format!(
+            "out/renders/vao-guard_scene=corner,ao.guard=variable,ao.threshold=0.65{ending}.png"
+        );
         assert_eq!(picture(&place.path(name)).dimensions(), (48, 48));
     }
 }
