@@ -77,8 +77,7 @@ pub fn is_same_code(greetings: &[Greeting; 2], digests: &[String; 2]) -> bool {
 }
 
 /// What both sides' fingerprints of a configuration say: which cells ask the GPU for the same, with their declared work, and how the
-/// others differ. What the host does is the same only in programs of the
-/// `same_code`.
+/// others differ. What the host does is the same only in programs of the same code.
 pub fn compare(
     builds: &mut [ExactGateSide<'_>; 2],
     configuration: &GateConfiguration,

@@ -382,7 +382,7 @@ pub fn html(parts: &[Block]) -> Markup {
                 Block::Paragraph(line) => p { (line.html()) },
                 Block::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
                 Block::Table(table) => (table.html()),
-                Block::Diff(lines) => pre { (lines) },
+                Block::Diff(lines) => div.scroll tabindex="0" role="region" aria-label="Difference" { pre { (lines) } },
                 Block::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
                 Block::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
                 Block::Topic(id, line, parts) => details.plot #(id) { summary { (line.html()) } (html(parts)) },
