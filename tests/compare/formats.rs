@@ -147,7 +147,7 @@ fn a_comment_stays_short_and_begins_with_what_is_worst() {
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let all = names.iter().zip(0..).fold(Stored::new(&names), |stored, (name, number)| {
         let stored = stored.same(name).counts(name, 1.05 + 0.01 * f64::from(number));
-        stored.changed(name, Differs::Shader, &format!("-{}\n+b\n", number / 2))
+        stored.changed(name, Differs::Shader, &format!("-{}\n+b\u{1b}[2J\n", number / 2))
     });
     let comment = comment(all);
     let lines: Vec<&str> = comment.lines().collect();
@@ -158,7 +158,7 @@ fn a_comment_stays_short_and_begins_with_what_is_worst() {
     assert!(lines[4].ends_with("; instructions +44.00 %; its shader differs"), "{comment}");
     // Five cells of three shaders.
     assert_eq!(comment.matches("```diff\n").count(), 3);
-    assert!(comment.contains("</summary>\n\n```diff\n-19\n+b\n```\n"), "{comment}");
+    assert!(comment.contains("</summary>\n\n```diff\n-19\n+b�[2J\n```\n"), "{comment}");
     assert_eq!(lines[9], "- and 35 more");
 }
 

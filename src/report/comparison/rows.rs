@@ -7,6 +7,7 @@ use itertools::{Itertools, chain};
 
 use crate::document::Block;
 use crate::format::{NS_PER_MS, count_noun, mebibytes, si, three};
+use fathom_base::text;
 use fathom_judge::adapters::AdapterRelation;
 use fathom_judge::counts::{Change, CountChange};
 use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
@@ -167,7 +168,9 @@ pub fn differences_of_regressions(verdicts: &Verdicts<'_>, max: usize) -> Vec<Bl
     let told = changed.filter(|changed| !changed.diff.is_empty()).unique_by(|of| &of.diff);
     let fold = |changed: &ChangedStage| {
         let about = format!("{}: {}", changed.cell.stage(), changed.differs).into();
-        Block::Fold(about, vec![Block::Diff(changed.diff.clone())])
+        // Its lines come from workers.
+        let lines = changed.diff.lines().map(|line| text::line(line) + "\n").collect();
+        Block::Fold(about, vec![Block::Diff(lines)])
     };
     told.map(fold).collect()
 }
