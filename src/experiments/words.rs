@@ -176,6 +176,7 @@ const FIGURES: &[LabelEntry] = &[
     ("intersections_false_rate", "lit places where no ray meets a surface", Percent),
     ("intersections_lost_rate", "intersections of rays in view that are not lit", Percent),
     ("layers_overflow_rate", "pixels of glass with more surfaces than layers", Percent),
+    ("line_median_px", "pixels of a line, median", One),
     ("lookups_per_pixel_mean", "look-ups of the skipping map per pixel, mean", One),
     ("map_energy_error", "error of the map's energy", Percent),
     ("map_floor_hole_rate", "dark texels among lit ones", Percent),
@@ -195,6 +196,11 @@ const FIGURES: &[LabelEntry] = &[
     ("photon_off_frustum_rate", "photons that end out of view", Percent),
     ("photon_on_its_way_rate", "photons still on their way", Percent),
     ("photon_passed_rate", "photons found behind their occluder, of those that have one", Percent),
+    (
+        "photon_screen_error_share",
+        "distance of photons from the exact end on the screen, of the picture's height, median",
+        Percent,
+    ),
     ("photon_specular_error", "distance from the exact end behind mirrors and glass", Metres),
     (
         "photon_specular_miss_rate",
@@ -275,6 +281,7 @@ const PARAMETERS: &[LabelEntry] = &[
     ("view.width", "width of the picture", Pixels),
     ("volume", "voxels along the longest side", One),
     ("voxel.method", "method of voxelization", One),
+    ("voxel.axes", "axes of slicemaps", One),
     ("voxel.rasterizer", "rasterizer of slicemaps", One),
     ("voxel.resolution", "voxels along the longest side", One),
     ("water.amplitude_m", "amplitude of waves", Metres),

@@ -18,7 +18,7 @@ use fathom_gpu::kit::{Buffer, Resources};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::{Note, NoteKind};
 use fathom_reference::quantities::quantile;
-use fathom_reference::rays::{PixelRays, Tracer};
+use fathom_reference::rays::{PixelRays, Projected, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Bounds, Camera, Light, Object, Scene, SceneFile};
 use fathom_stages::geometry::{Geometry, Objects};
@@ -105,6 +105,8 @@ pub struct ScreenRefraction {
     params: Params,
     view: View,
     exits: Exits,
+    /// Half of the lines are at most so long, pixels; none where none is drawn.
+    line_median_px: Option<f64>,
     image: wgpu::Texture,
 }
 
@@ -129,12 +131,12 @@ impl Pipeline for ScreenRefraction {
         let size_px = view.size_px.to_array();
         let of_view = &resources.with_size_hint(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
-        let exits = match params.refraction.method {
+        let (exits, line_median_px) = match params.refraction.method {
             ExitMethod::Trace => traced(resources, &view, shared, scene, geometry, params)?,
             ExitMethod::TwoInterface => {
                 let thickness_m = thickness(resources, scene);
                 let stage = two_interface::new(of_view, shared, geometry, size_px, &thickness_m)?;
-                of_view.push(stage)
+                (of_view.push(stage), None)
             }
         };
         let exposure = params.compose.exposure;
@@ -142,7 +144,7 @@ impl Pipeline for ScreenRefraction {
         let compose =
             refraction::compose::new(of_view, shared, &gbuffer, &exits, opaque, exposure)?;
         let image = of_view.push(compose);
-        Ok(Self { params: params.clone(), view, exits, image })
+        Ok(Self { params: params.clone(), view, exits, line_median_px, image })
     }
 }
 
@@ -151,15 +153,17 @@ impl PipelineInstance for ScreenRefraction {
         &self.image
     }
 
-    /// Share of the pixels that show glass, and of these whose ray is totally reflected at the last surface.
+    /// Share of the pixels that show glass, and of these whose ray is totally reflected at the last surface; how long lines are.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let found = self.read_exits(gpu)?;
         let glass = found.iter().flatten().count();
         let inside = found.iter().flatten().filter(|exit| exit.inside).count();
-        Ok(to_map([
+        let rates = [
             ("glass_rate", share(glass, found.len())),
             ("totally_reflected_rate", share(inside, glass)),
-        ]))
+        ];
+        let line = self.line_median_px.map(|px| ("line_median_px", px));
+        Ok(to_map(rates.into_iter().chain(line)))
     }
 
     fn judge(&self, gpu: &Gpu) -> Result<Judging, GpuError> {
@@ -219,7 +223,7 @@ fn traced(
     scene: &Scene,
     geometry: &Geometry,
     params: &Params,
-) -> Result<Exits, GpuError> {
+) -> Result<(Exits, Option<f64>), GpuError> {
     let of_layers = &resources.with_size_hint("view × ldi.layers");
     let (of, size_px, layers) = (Objects::Glass, view.size_px.to_array(), params.ldi.layers);
     let peel = ldi::peel::new(of_layers, shared, scene, geometry, of, size_px, layers)?;
@@ -228,27 +232,30 @@ fn traced(
     let GlassSettings { count, surface, least_px, .. } = params.refraction;
     let bounds = scene.solid_bounds();
     if params.refraction.uses_lines() {
-        return trace_by_lines(of_view, view, shared, &layers, bounds, surface, least_px);
+        return trace_by_lines(of_view, (view, scene), shared, &layers, bounds, surface, least_px);
     }
     let walk: WalkUniforms = walk_uniforms(&layers, bounds, least_px);
-    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, count, None)?))
+    Ok((of_view.push(trace::new(of_view, shared, &layers, &walk, count, None)?), None))
 }
 
 /// Pushes the stages that trace lines of sight through glass as lines of pixels, refracted twice: SPT §4. They are held against the first
-/// two layers, or against all.
-pub fn trace_by_lines(
+/// two layers, or against all. With the exits the median length of a line, pixels.
+fn trace_by_lines(
     of_view: &Resources<'_>,
-    view: &View,
+    (view, scene): (&View, &Scene),
     shared: &Shared,
     layers: &Layers,
     bounds: Bounds,
     surface: GlassSurface,
     least_px: u32,
-) -> Result<Exits, GpuError> {
+) -> Result<(Exits, Option<f64>), GpuError> {
     let size_px = view.size_px.as_vec2();
     let (first, end) = shown_px(view, bounds);
     let sight = SightUniforms { size_px, first, count: end - first };
     let (transfers, pairs) = of_view.push(sight::new(of_view, shared, layers, &sight)?);
+    let walk = walk_uniforms(layers, bounds, least_px);
+    let mut lines_px = lines_px(view, scene, &sight, &walk);
+    let longest_px = lines_px.iter().copied().fold(1.0, f64::max);
     let walking = WalkRules {
         test: HitTest::Crossing,
         in_glass: Some(surface),
@@ -258,14 +265,45 @@ pub fn trace_by_lines(
         rows: ROWS.min(of_view.gpu.limits.max_texture_dimension_2d),
         path_segments: 1,
         max_hits: 1,
-        within_px: Some(sight.count.to_array()),
+        longest_px: Some((EDGE_PX + ROOM * longest_px).ceil() as u32),
     };
     let held = if surface == GlassSurface::AllDepths { layers } else { &pairs };
     let traced = RayInputs { transfers: &transfers, layers: held, bounds, walking };
     let ends = screen_tracing::trace(of_view, shared, &traced, screen_tracing::WalkMethod::Lines)?;
-    let walk = walk_uniforms(layers, bounds, least_px);
     let lines = Some(trace::SightLines { sight: &sight, ends: &ends });
-    Ok(of_view.push(trace::new(of_view, shared, layers, &walk, 2, lines)?))
+    let exits = of_view.push(trace::new(of_view, shared, layers, &walk, 2, lines)?);
+    Ok((exits, Some(quantile(&mut lines_px, 0.5))))
+}
+
+/// Rows are longer by this factor than the longest line of an exact ray: at silhouettes the rasterizer covers pixels that no ray meets.
+const ROOM: f64 = 1.05;
+/// The same in pixels: of a scene's box in f32.
+const EDGE_PX: f64 = 1.0;
+
+/// Length of the line of each pixel that shows glass, along the longer of its axes: from where the exact line of sight enters the glass to
+/// where it leaves the scene's box. At most as long as the picture, at whose sides lines are cut.
+fn lines_px(view: &View, scene: &Scene, sight: &SightUniforms, walk: &WalkUniforms) -> Vec<f64> {
+    let [width, height] = view.size_px.to_array();
+    let rays = PixelRays::new(&view.camera, width, height);
+    let objects = objects_of(scene, Objects::Glass);
+    let tracer = Tracer::new(&objects);
+    let surfaces =
+        Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
+    let (low_m, high_m) = (walk.low_m.as_dvec3(), walk.high_m.as_dvec3());
+    let line_px = |number: u32| {
+        let pixel = sight.first + UVec2::new(number % sight.count.x, number / sight.count.x);
+        let (origin, direction, _) = rays.ray(pixel.x, pixel.y);
+        let ray = surfaces.ray_behind(surfaces.sight(origin, direction), 1)?;
+        let bound = DVec3::select(ray.direction.cmpgt(DVec3::ZERO), high_m, low_m);
+        let end_m = ((bound - ray.origin) / ray.direction).min_element();
+        let [from, to] = [0.0, end_m].map(|at_m| rays.project(ray.origin + at_m * ray.direction));
+        let along = |from: Projected, to: Projected| {
+            (from.x_px - to.x_px).abs().max((from.y_px - to.y_px).abs())
+        };
+        let longest_px = f64::from(width.max(height));
+        Some(from.zip(to).map_or(longest_px, |(from, to)| along(from, to).min(longest_px)))
+    };
+    (0..sight.count.element_product()).into_par_iter().filter_map(line_px).collect()
 }
 
 /// The rectangle of pixels that holds what lies in a box: its first, and the one behind its last.

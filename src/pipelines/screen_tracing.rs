@@ -39,8 +39,10 @@ settings! {
 pub enum WalkMethod {
     /// A line for each photon, and a reduction of its row. SPT §2.1.
     Lines,
-    /// An invocation walks each ray. SPT §2.1: about half as fast in 2006.
+    /// An invocation walks each ray.
     March,
+    /// A pixel shader walks each ray, a pixel each. SPT §2.1: about half as fast in 2006.
+    Pixel,
 }
 
 choices!(WalkMethod);
@@ -50,7 +52,7 @@ impl WalkMethod {
     pub fn info(self) -> &'static StageInfo {
         match self {
             Self::Lines => &rays::rasterize::INFO,
-            Self::March => &rays::march::INFO,
+            Self::March | Self::Pixel => &rays::march::INFO,
         }
     }
 }
@@ -58,7 +60,7 @@ impl WalkMethod {
 settings! {
     /// How rays are followed. SPT §2.1.
     pub struct RaySettings from file: SceneFile {
-        /// What walks the rays. Both find the same hits.
+        /// What walks the rays. All find the same hits.
         method: WalkMethod = WalkMethod::Lines;
         /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
         /// from pixel to pixel.
@@ -94,7 +96,7 @@ impl RaySettings {
             rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
             path_segments,
             max_hits,
-            within_px: None,
+            longest_px: None,
         }
     }
     /// Refuses more tiles than a frame can time; `sizes` names what gives the number of rays.
@@ -149,6 +151,7 @@ pub fn trace(
             (of_tile.push(reduce), traced.tiles())
         }
         WalkMethod::March => (of_rays.push(rays::march::new(of_rays, shared, traced)?), 1),
+        WalkMethod::Pixel => (of_rays.push(rays::march::drawn(of_rays, shared, traced)?), 1),
     };
     if traced.walking.path_segments > 1 {
         of_rays.push(bounce::new(of_rays, shared, traced, &photons, tiles)?);

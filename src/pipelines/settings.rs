@@ -64,6 +64,8 @@ settings! {
         method: VoxelMethod = VoxelMethod::Slicemap;
         /// Who rasterizes the triangles of slicemaps. Where they are twisted or wave, it is the hardware in any case.
         rasterizer: Rasterizer = Rasterizer::Mixed;
+        /// Axes along which slicemaps are drawn: of less than three, x and y come first. VAO §4.1: one alone leaves holes.
+        axes: u32 = 3 => 1 ..= 3, "1";
         /// When the volume is filled.
         update: Update = Update::EveryFrame;
         /// Voxels along the longest side of the scene. VAO §6.4: 128 to 256.

@@ -42,7 +42,9 @@ pub fn voxelize(
     let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
     let filling = Filling { resources, geometry, parts: &parts, update };
     match settings.method {
-        VoxelMethod::Slicemap => filling.slicemap(rasterizer(settings, animation))?,
+        VoxelMethod::Slicemap => {
+            filling.slicemap(rasterizer(settings, animation), settings.axes as usize)?;
+        },
         VoxelMethod::Slice => filling.slice()?,
         VoxelMethod::Overlap => filling.overlap()?,
         VoxelMethod::MaxAlpha => filling.max_alpha()?,
@@ -97,8 +99,8 @@ impl Filling<'_> {
         self.resources.push_as(stage, if once { When::Once } else { When::EveryFrame })
     }
 
-    /// VAO §4.2: three passes, one per axis, and their OR.
-    fn slicemap(&self, rasterizer: Rasterizer) -> Result<(), GpuError> {
+    /// VAO §4.2: three passes, one per axis, and their OR. What the axes behind the first so many would draw stays empty.
+    fn slicemap(&self, rasterizer: Rasterizer, axes: usize) -> Result<(), GpuError> {
         let Self { resources, geometry, parts, .. } = *self;
         let [x, y, z] = slicemap::new(resources, geometry, parts, rasterizer)?;
         let maps = x.iter().zip(&**y).zip(&**z);
@@ -113,7 +115,7 @@ impl Filling<'_> {
             .map(Cleared::from)
             .collect();
         self.push(clear::new(cleared));
-        for pass in [x, y, z] {
+        for pass in [x, y, z].into_iter().take(axes) {
             self.push(pass);
         }
         self.push(combine::new(resources, &volumes)?);

@@ -12,7 +12,7 @@ use crate::{exact_answers, judged_view, objects_of, share, to_map};
 use fathom_gpu::{Gpu, GpuError, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::quantile;
-use fathom_reference::rays::{Hit, Tracer};
+use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_reference::specular::{PathEnd, Surfaces};
 use fathom_scene::Optics;
 use fathom_stages::geometry::Objects;
@@ -61,6 +61,8 @@ struct Tally {
     specular_errors_m: Vec<f64>,
     /// The same of their ways under water.
     path_errors_m: Vec<f64>,
+    /// Of all photons that end in view: distance from the exact end on the screen, over the picture's height. 1 for a lost one.
+    screen_errors: Vec<f64>,
     rates: Rates,
 }
 
@@ -182,7 +184,9 @@ impl TracedPhotons {
         let along = along.into_iter().filter(|_| self.per_ray > 1);
         let rates = QUANTITIES.into_iter().chain(along).map(|rate| (rate, ends.rates.rate(rate)));
         let stage = self.params.rays.method.info().name;
+        let screen_error = quantile(&mut ends.screen_errors, 0.5);
         let mut judged = Errors::new(stage, errors.into_iter().chain(distances), rates);
+        judged.quantities.insert("photon_screen_error_share".to_owned(), screen_error);
         if !ends.specular_errors_m.is_empty() {
             judged.quantities.extend(to_map([
                 ("photon_specular_error_median_m", quantile(&mut ends.specular_errors_m, 0.5)),
@@ -233,11 +237,21 @@ impl TracedPhotons {
                 })
             })
         });
+        let screen = PixelRays::new(&view.camera, view.size_px.x, view.size_px.y);
         let mut ends = Tally::default();
         for (index, exact) in exact.iter() {
             let (hits, wrong_m) = (found[*index], WRONG_M * times);
             ends.add(hits, exact, wrong_m);
             ends.add_along(hits, &exact.along, wrong_m);
+            if exact.in_view {
+                let ends_at = hits.first().filter(|hit| hit.has_landed());
+                let places = ends_at.and_then(|hit| {
+                    Some([screen.project(hit.hit())?, screen.project(exact.position)?])
+                });
+                ends.screen_errors.push(places.map_or(1.0, |[a, b]| {
+                    (a.x_px - b.x_px).hypot(a.y_px - b.y_px) / f64::from(view.size_px.y)
+                }));
+            }
             if exact.kept_out {
                 let leaks = |hit| frustum.is_leak(hit, exact.position);
                 ends.rates.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);

@@ -42,6 +42,8 @@ pub enum Guard {
     SevenVoxels,
     /// Half a voxel's diagonal above the surface's plane: Eq. 2 with h = s_v √3 / 2, Fig. 3d.
     Variable,
+    /// A whole one: h_max = s_v √3, the worst case of §5.1.
+    VariableDiagonal,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -162,11 +164,11 @@ shader_struct! {
 const BETWEEN: u64 = 4;
 
 impl Guard {
-    /// Length of the guard in voxels: along the ray, or above the plane for [`Guard::Variable`].
+    /// Length of the guard in voxels: along the ray, or above the plane where it varies.
     pub fn voxels(self) -> f64 {
         match self {
             Guard::None => 0.0,
-            Guard::Voxel => 3f64.sqrt(),
+            Guard::Voxel | Guard::VariableDiagonal => 3f64.sqrt(),
             Guard::SevenVoxels => 7.0,
             Guard::Variable => 3f64.sqrt() / 2.0,
         }
@@ -218,7 +220,7 @@ impl Marching {
         let chosen = [
             ("RANDOM", self.sampling == Sampling::Random),
             ("HARD", self.attenuation == Attenuation::Hard),
-            ("GUARD", self.guard == Guard::Variable),
+            ("GUARD", matches!(self.guard, Guard::Variable | Guard::VariableDiagonal)),
             ("SKIPPING", self.skipping),
             ("OPACITY", self.occluder == Occluder::Opacity),
             ("PEAK", self.hit == HitPoint::Peak),

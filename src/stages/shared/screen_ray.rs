@@ -145,8 +145,8 @@ pub struct WalkRules {
     pub path_segments: u32,
     /// Most intersections of a ray that are kept, from its start on. 1: it ends at the first. SPT Fig. 3 shows the others.
     pub max_hits: u32,
-    /// Pixels along each axis of the rectangle that holds the rays on the screen; none: all.
-    pub within_px: Option<[u32; 2]>,
+    /// Most steps of a ray; none: those across the picture.
+    pub longest_px: Option<u32>,
 }
 
 shader_struct! {
@@ -241,8 +241,8 @@ impl RayInputs<'_> {
 
     /// Most pixels that a ray covers along one axis of the screen.
     pub fn max_steps(&self) -> u32 {
-        let within_px = self.walking.within_px.unwrap_or(self.layers.size_px());
-        max_steps(within_px, self.walking.min_steps)
+        let min = self.walking.min_steps;
+        self.walking.longest_px.map_or(max_steps(self.layers.size_px(), min), |px| px.max(min))
     }
 
     pub fn uniforms(&self) -> WalkUniforms {

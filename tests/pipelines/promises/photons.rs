@@ -167,7 +167,7 @@ fn shared_and_split_corners_give_the_same_photons_and_shadows() {
 }
 
 #[test]
-fn lines_end_photons_where_marching_does() {
+fn lines_marches_and_pixels_end_photons_in_the_same_place() {
     let (gpu, mut landed) = (gpu(), 0);
     for seed in 0..draws() {
         let mut random = Random::new(1000 * seed as u32);
@@ -188,12 +188,14 @@ fn lines_end_photons_where_marching_does() {
         );
         let (mut scene, mut params) = prepared::<PhotonTracing>(&gpu, "plane", &set);
         scene = scene.with_objects(with_floor(&boxes(&mut random)));
-        let found = [WalkMethod::Lines, WalkMethod::March].map(|method| {
+        let methods = [WalkMethod::Lines, WalkMethod::March, WalkMethod::Pixel];
+        let [lines, march, pixel] = methods.map(|method| {
             params.rays.method = method;
             photons(&gpu, &scene, &params)
         });
-        assert_eq!(unlike(&found[0], &found[1]), 0.0, "draw {seed}: {set}");
-        landed += found[0].iter().filter(|photon| photon.has_landed()).count();
+        let unlike = [&march, &pixel].map(|found| unlike(&lines, found));
+        assert_eq!(unlike, [0.0; 2], "draw {seed}: {set}");
+        landed += lines.iter().filter(|photon| photon.has_landed()).count();
     }
     assert!(landed > 10, "photons that land: the comparison can fail");
 }

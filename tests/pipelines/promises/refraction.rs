@@ -2,11 +2,15 @@
 
 use std::sync::Arc;
 
+use fathom::harness::dump;
 use fathom::pipelines::refraction::{Params, ScreenRefraction};
 use fathom::pipelines::{Judge, PipelineInstance, ReferenceCache};
+use fathom::reference::rays::PixelRays;
 use fathom::scene::{Camera, Mesh, Object, Optics, Scene, SceneFile, generators};
+use fathom::stages::screen_ray::GlassSurface;
 use fathom::verify::rig::Random;
 use glam::{DQuat, DVec3};
+use itertools::Itertools as _;
 
 use crate::{built, gpu};
 
@@ -72,4 +76,42 @@ fn exits_from_random_solids_are_exact() {
         moved == super::draws().div_ceil(4),
         "the control, an index 5 % higher, shows in {moved}"
     );
+}
+
+/// Rows that lines are drawn into are as wide as the longest of them, and hardly wider.
+#[test]
+fn rows_hold_the_longest_line() {
+    let gpu = gpu();
+    for draw in 0..super::draws() as u32 {
+        let scene = solids(18 + draw, 1.0);
+        let mut params = Params::from(&SceneFile::load("ball").unwrap());
+        (params.view.width, params.view.height) = (100 + 7 * draw, 128);
+        params.camera = scene.camera.clone();
+        (params.refraction.surface, params.refraction.least_px) = (GlassSurface::Depth, 1);
+        let frame = built::<ScreenRefraction>(&gpu, &scene, &params);
+        let dumped = |name| {
+            let stages = frame.stages();
+            let stage = stages.iter().find(|stage| stage.name() == name).unwrap();
+            dump::read(&gpu, &stage.dumps[0]).unwrap()
+        };
+        let ((_, rays), (hits, _)) = (dumped("transfer/sight"), dumped("rays/rasterize"));
+        let view = PixelRays::new(&scene.camera, params.view.width, params.view.height);
+        let bounds = scene.solid_bounds();
+        let room = bounds.size().max_element() / 50.0;
+        let line_px = |ray: &[f32]| {
+            let [x, y, z, state, a, b, c, _] = ray.iter().map(|v| f64::from(*v)).collect_array()?;
+            let (from, along) = (DVec3::new(x, y, z), DVec3::new(a, b, c));
+            let bound = DVec3::select(along.cmpgt(DVec3::ZERO), bounds.max + room, bounds.min - room);
+            let to = from + ((bound - from) / along).min_element() * along;
+            let ends = (state != 0.0).then(|| [from, to].map(|place| view.project(place)))?;
+            let [from, to] = [ends[0]?, ends[1]?];
+            Some((from.x_px - to.x_px).abs().max((from.y_px - to.y_px).abs()))
+        };
+        let longest_px = rays.chunks(8).filter_map(line_px).fold(0.0, f64::max);
+        let width_px = hits[1] as f64;
+        assert!(
+            (longest_px..1.1 * longest_px + 4.0).contains(&width_px),
+            "draw {draw}: {longest_px} px in rows of {width_px}"
+        );
+    }
 }
