@@ -28,7 +28,7 @@ pub use expand::{
     CellPlan, MAX_CELLS, ReferencePlan, RepetitionPlan, flatten, label_text, parse_axis, parse_set,
 };
 pub use measure::{Measure, Quantity, RoundSample, StageName, fits, fps, same};
-pub use schema::Experiment;
+pub use schema::{Experiment, Fault};
 
 /// What is wrong with an experiment, or with what was asked of it: one line.
 #[derive(Debug, thiserror::Error)]

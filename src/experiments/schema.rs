@@ -19,7 +19,9 @@ use super::{ExperimentError, Measure};
 use fathom_base::text;
 use fathom_record::{Cell, Profile};
 
-pub use claim::{Balance, Cause, Claim, Direction, FIXED_SHARE, Least, RISING_SHARE, Ratio, Test};
+pub use claim::{
+    Balance, Cause, Claim, Direction, FIXED_SHARE, Fault, Least, RISING_SHARE, Ratio, Test,
+};
 pub use plot::{Plot, PlotKind};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]

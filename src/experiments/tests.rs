@@ -71,7 +71,8 @@ fn tree(cell: &CellPlan) -> Value {
     tree
 }
 
-/// Each names what else could make it true; a paper's also where its balance counts. A paper's method names parameters that cells have.
+/// Each names what else could make it true; a paper's also its words, where its balance counts, and what would break it. A paper's method
+/// names parameters that cells have.
 #[test]
 fn every_builtin_claim_tells_its_grounds() {
     let ids = Experiment::builtin_ids();
@@ -79,9 +80,13 @@ fn every_builtin_claim_tells_its_grounds() {
     let mut lacking = Vec::new();
     for experiment in experiments {
         for claim in &experiment.claim {
-            let grounds =
-                [!claim.otherwise.is_empty(), claim.source.is_none() || claim.balance.is_some()];
-            if grounds != [true; 2] {
+            let of_paper = [
+                claim.balance.is_some(),
+                claim.printed.is_some(),
+                !claim.broken_by.what.is_empty(),
+            ];
+            let is_grounded = claim.source.is_none() || of_paper == [true; 3];
+            if claim.otherwise.is_empty() || !is_grounded {
                 lacking.push(format!("{}: {}", experiment.id, claim.id));
             }
         }

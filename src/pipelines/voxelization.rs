@@ -44,7 +44,7 @@ pub fn voxelize(
     match settings.method {
         VoxelMethod::Slicemap => {
             filling.slicemap(rasterizer(settings, animation), settings.axes as usize)?;
-        },
+        }
         VoxelMethod::Slice => filling.slice()?,
         VoxelMethod::Overlap => filling.overlap()?,
         VoxelMethod::MaxAlpha => filling.max_alpha()?,

@@ -18,7 +18,7 @@ pub const EXPORTER: RunExporter = Exporter {
     export: RunFormat::One(export),
 };
 
-const HEAD: [&str; 7] = [
+const HEAD: [&str; 8] = [
     "paper item",
     "claim",
     "printed",
@@ -26,6 +26,7 @@ const HEAD: [&str; 7] = [
     "verdict",
     "balance",
     "what else could make it true",
+    "what would break it",
 ];
 
 struct ClaimRow<'v, 'a> {
@@ -97,6 +98,7 @@ fn table(rows: &[ClaimRow<'_, '_>]) -> Table {
             verdict(ruling),
             balance(claim, ruling).unwrap_or_else(|| "–".to_owned()),
             claim.otherwise.clone(),
+            claim.broken_by.what.clone(),
         ]
     });
     Table::new("Claims", HEAD).with_rows(fields)

@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 
 mod card;
+mod claims;
 #[path = "../common/mod.rs"]
 mod common;
 mod faults;

@@ -27,6 +27,9 @@ pub struct Claim {
     /// What else could make the claim true, and how the test rules that out.
     #[serde(default)]
     pub otherwise: String,
+    /// What would turn it where it is supported.
+    #[serde(default)]
+    pub broken_by: Fault,
     pub balance: Option<Balance>,
     /// Axis or parameter → value; all must hold.
     #[serde(default, rename = "where")]
@@ -45,6 +48,32 @@ pub struct Claim {
     pub cause: Option<Cause>,
     #[serde(deserialize_with = "earlier::test")]
     pub test: Test,
+}
+
+/// What is put into a shader, into the cells' parameters or in place of their scene so that a supported claim is supported no longer.
+/// Of a claim on times it is words alone.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fault {
+    pub what: String,
+    /// Names of the cells that decide.
+    #[serde(default)]
+    pub cells: Vec<String>,
+    /// Parameters of these cells, over all else.
+    #[serde(default)]
+    pub set: Map<String, Value>,
+    /// Path of a shader without its ending, and what stands once in it, with what is put there.
+    #[serde(default)]
+    pub shader: String,
+    #[serde(default)]
+    pub line: [String; 2],
+}
+
+impl Fault {
+    /// Whether it is tried.
+    pub fn is_tried(&self) -> bool {
+        !(self.set.is_empty() && self.shader.is_empty())
+    }
 }
 
 /// The cell along an axis in which a figure is least.

@@ -179,6 +179,7 @@ fn grounds(claim: &Claim, ruling: &Ruling) -> Block {
         ("Method", (!claim.method.is_empty()).then(|| format_settings(&claim.method))),
         ("Balance", balance(claim, ruling)),
         ("What else could make it true", Some(claim.otherwise.clone())),
+        ("What would break it", Some(claim.broken_by.what.clone())),
     ];
     let line = |(about, words): (&str, Option<String>)| {
         let words = words.filter(|words| !words.is_empty())?;

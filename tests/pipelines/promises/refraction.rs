@@ -101,7 +101,8 @@ fn rows_hold_the_longest_line() {
         let line_px = |ray: &[f32]| {
             let [x, y, z, state, a, b, c, _] = ray.iter().map(|v| f64::from(*v)).collect_array()?;
             let (from, along) = (DVec3::new(x, y, z), DVec3::new(a, b, c));
-            let bound = DVec3::select(along.cmpgt(DVec3::ZERO), bounds.max + room, bounds.min - room);
+            let bound =
+                DVec3::select(along.cmpgt(DVec3::ZERO), bounds.max + room, bounds.min - room);
             let to = from + ((bound - from) / along).min_element() * along;
             let ends = (state != 0.0).then(|| [from, to].map(|place| view.project(place)))?;
             let [from, to] = [ends[0]?, ends[1]?];
