@@ -376,8 +376,9 @@ mod tests {
             ("b", 0, ""),
         ] {
             let mut records = fixtures::run();
-            let cells = fixtures::cells(&mut records).filter(|cell| cell.measured().is_some());
-            for (number, cell) in cells.enumerate() {
+            let cells = fixtures::cells(&mut records);
+            let of_one_scene = cells.filter(|cell| cell.experiment == "spt-march-vs-lines");
+            for (number, cell) in of_one_scene.enumerate() {
                 let digest = if number < 2 { first } else { "b" };
                 cell.sources.insert("own.glb".to_owned(), digest.to_owned());
             }

@@ -14,7 +14,7 @@ use fathom::record::{Cell, Profile};
 use crate::common::{Place, cells};
 
 /// Claims whose faults are tried, at least.
-const MIN_TRIED: usize = 30;
+const MIN_TRIED: usize = 40;
 
 /// Verdicts on the claims of an experiment by the cells that a fault names, in its order.
 fn verdicts(experiment: &Experiment, fault: &Fault, is_put_in: bool) -> Vec<Verdict> {

@@ -229,7 +229,7 @@ fn samples_smooth_a_picture() {
 fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let place = Place::new();
     let run = "run vao-guard --no-ceilings --profile quick --budget 10m --visits 1 --out out";
-    let cell = "--axis scene=corner --axis ao.guard=variable --axis ao.threshold=0.65";
+    let cell = "--axis scene=corner --cell scene=corner,ao.guard=variable,ao.threshold=0.65";
     let small =
         "--set view.width=48 --set view.height=48 --set voxel.resolution=32 --set shadow.size=64";
     place.fathom(format!("{run} {cell} {small}")).ends(0);

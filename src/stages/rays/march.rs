@@ -38,6 +38,7 @@ pub fn drawn(
     let targets = [kit::opaque(wgpu::TextureFormat::R32Float)];
     let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
     let pass = DrawPass::new(resources, &spec, [side; 2], wgpu::Color::TRANSPARENT)?;
+    resources.fragment_writes(INFO.name);
     Ok(finished(pass.stage(&INFO, rays.work()).with_output(()), rays, photons))
 }
 
