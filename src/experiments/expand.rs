@@ -183,12 +183,13 @@ impl Axis {
         Ok(AxisValue { label, set })
     }
 
-    /// Whether this value of the axis sets a name or a choice in place of a number, or is labelled by one.
+    /// Whether this value of the axis sets a name or a choice in place of a number, or is labelled by one. What has a number for a label
+    /// is in order by it, whatever it sets.
     pub(super) fn is_named(&self, value: &Value) -> bool {
         let is_name = |value: &Value| value.is_string() || value.is_boolean();
         self.parse(value).is_ok_and(|AxisValue { label, set }| {
             label_text(&label).starts_with(char::is_alphabetic)
-                || set.iter().any(|(_, value)| is_name(value))
+                || !label.is_number() && set.iter().any(|(_, value)| is_name(value))
         })
     }
 
