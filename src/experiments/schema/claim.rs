@@ -50,8 +50,8 @@ pub struct Claim {
     pub test: Test,
 }
 
-/// What is put into a shader, into the cells' parameters or in place of their scene so that a supported claim is supported no longer.
-/// Of a claim on times it is words alone.
+/// What is put into a shader or into the cells' parameters so that a supported claim is supported no longer. Of a claim on times it is
+/// words alone.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
@@ -59,7 +59,7 @@ pub struct Fault {
     /// Names of the cells that decide.
     #[serde(default)]
     pub cells: Vec<String>,
-    /// Parameters of these cells, over all else.
+    /// Parameters of these cells, none of which an axis sets.
     #[serde(default)]
     pub set: Map<String, Value>,
     /// Path of a shader without its ending, and what stands once in it, with what is put there.
