@@ -1,4 +1,5 @@
 // Joint bilateral filter and up-scaling of the ambient-occlusion buffer: VAO §6.
+// defs: SQUARE=0
 #import fathom::bilateral::{filtered}
 
 @fragment

@@ -5,7 +5,7 @@
 // VAO Eq. 1 is A = 1/π ∫∫ ρ cos dω, cut at the horizon of each slice: what lies below is integrated in closed form (part 1), what lies
 // above is sampled with rays (part 2).
 #import fathom::host::{HorizonUniforms}
-#import fathom::horizon::{Point, Slice, attenuation, cosine_of, depth, integral, pixel_at, sample_depth, shaded_point, slice_along, surface_at, view_px}
+#import fathom::horizon::{GOLDEN_FRACTION, Point, Slice, attenuation, cosine_of, depth, integral, pixel_at, sample_along, sample_depth, shaded_point, slice_along, surface_at, tangent_cosine, view_px}
 #import fathom::uniforms::{frame, view_depth_m}
 #if COUNT == 1
 #import fathom::counters::{count}
@@ -18,9 +18,6 @@
 
 @group(1) @binding(0) var<storage, read> settings: HorizonUniforms;
 
-// Fraction of the golden ratio: a sequence of low discrepancy (Roberts 2018).
-const GOLDEN_FRACTION: f32 = 0.61803398875;
-
 struct Horizon {
     // ∫ ρ cos dω / dψ below the horizon.
     occluded: f32,
@@ -29,34 +26,25 @@ struct Horizon {
 }
 
 // Part 1: samples of depth along the slice's line raise the horizon, each new stretch weighted by its sample's distance.
-// Their spacing grows with the distance, as near occluders weigh most: on scenes bunny_dry and sponza, errors fall by 5 to
-// 10 % against even spacing.
 fn find_horizon(point: Point, slice: Slice, jitter: f32) -> Horizon {
-    var horizon = Horizon(0.0, -slice.aside / length(vec2(slice.toward, slice.aside)));
+    var horizon = Horizon(0.0, tangent_cosine(slice));
     if slice.length_px <= 1.0 {
         return horizon;
     }
     var below = integral(slice, horizon.cosine);
     var height = 0.0;
-    let start = vec2<f32>(point.texel) + 0.5;
-    let last = vec2<i32>(view_px()) - 1;
     for (var k = 0u; k < settings.steps; k++) {
-        let share = (f32(k) + jitter) / f32(settings.steps);
-        let position_px = start + slice.line * (1.0 + share * share * (slice.length_px - 1.0));
-        let texel = clamp(vec2<i32>(position_px), vec2(0), last);
-        let z = sample_depth(texel);
-        let v = surface_at(texel, z) - point.position_m;
-        let distance_m = length(v);
-        let rise = dot(v, point.to_eye);
-        // Background, out of reach, or a layer nearer to the eye: VAO §6.
-        if z >= 1.0 || distance_m > settings.r_max_m || rise - height > settings.layer_m {
+        let seen = sample_along(point, slice, f32(k) + jitter, settings.steps, settings.r_max_m);
+        let rise = dot(seen.v, point.to_eye);
+        // A layer nearer to the eye does not count: VAO §6.
+        if !seen.counts || rise - height > settings.layer_m {
             continue;
         }
         height = rise;
-        let found = cosine_of(point, slice, v);
+        let found = cosine_of(point, slice, seen.v);
         if found > horizon.cosine {
             let now = integral(slice, found);
-            horizon.occluded += attenuation(distance_m / settings.r_max_m) * (below - now);
+            horizon.occluded += attenuation(seen.distance_m / settings.r_max_m) * (below - now);
             horizon.cosine = found;
             below = now;
         }

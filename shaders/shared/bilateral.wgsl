@@ -1,5 +1,6 @@
 // Joint bilateral filter and up-scaling of an ambient-occlusion buffer: VAO §6, after Kopf et al., Joint Bilateral
 // Upsampling, 2007. Host twin: src/stages/shared/bilateral.rs.
+// SQUARE 1: 16 taps on the 4 × 4 nearest texels, of equal weight on one surface. SQUARE 0: taps over a disc.
 #define_import_path fathom::bilateral
 
 #import fathom::host::{BilateralUniforms}
@@ -84,8 +85,12 @@ fn filtered(pixel: vec2<f32>) -> f32 {
     var nearest = 1.0;
     var nearest_m = TOO_FAR_M;
     for (var i = 0u; i < kernel.taps; i++) {
+#if SQUARE == 1
+        let offset = vec2(f32(i & 3u), f32(i >> 2u)) - 1.5;
+#else
         var offset = kernel.radius_px * disc_tap(i, kernel.taps);
         offset -= disc.shrink * dot(offset, disc.uphill) * disc.uphill;
+#endif
         let texel = clamp(vec2<i32>(floor(middle + offset)), vec2(0), last);
         let center = vec2<f32>(texel) + 0.5;
         let seen = texel_behind(center, kernel.source_px, kernel.size_px);
@@ -99,7 +104,11 @@ fn filtered(pixel: vec2<f32>) -> f32 {
             nearest_m = off_m;
             nearest = value;
         }
+#if SQUARE == 1
+        let across = vec2(0.0);
+#else
         let across = (center - middle) / kernel.sigma_px;
+#endif
         let along = off_m / (kernel.depth_sigma * view_m);
         var bend = vec3(0.0);
         if kernel.normal_sigma < NO_NORMALS {

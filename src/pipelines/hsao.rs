@@ -12,6 +12,7 @@ use fathom_gpu::kit::Resources;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_record::ceilings::Reads;
 use fathom_scene::Scene;
+use fathom_stages::bilateral::Window;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::hsao::filter;
 use fathom_stages::hsao::march::{self, HorizonUniforms};
@@ -50,7 +51,7 @@ impl Pipeline for Hsao {
         let textures = &seen.gbuffer;
         let march = march::new(&of_buffer, &seen.shared, textures, &uniforms, hard, None)?;
         let march = of_buffer.push(march);
-        let filter = params.hsao.filter.then_some((&filter::INFO, &params.filter));
+        let filter = params.hsao.filter.then_some((&filter::INFO, &params.filter, Window::Disc));
         let composed =
             LitImage::new(resources, &seen, scene, &geometry, &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {

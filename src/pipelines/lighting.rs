@@ -5,7 +5,7 @@ use super::settings::{Compose, Filter, Shadow, VIEWPORT};
 use fathom_gpu::kit::{self, Resources};
 use fathom_gpu::{GpuError, StageInfo};
 use fathom_scene::Scene;
-use fathom_stages::bilateral;
+use fathom_stages::bilateral::{self, Window};
 use fathom_stages::gbuffer::GBuffer;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::picture::Picture;
@@ -55,16 +55,23 @@ impl LitImage {
         scene: &Scene,
         geometry: &Geometry,
         visibility: &wgpu::Texture,
-        filter: Option<(&'static StageInfo, &Filter)>,
+        filter: Option<(&'static StageInfo, &Filter, Window)>,
         compose: &Compose,
     ) -> Result<Self, GpuError> {
         let resources = &resources.with_size_hint(VIEWPORT);
         let gbuffer = &seen.gbuffer;
-        let filtered = |(info, settings): (&'static StageInfo, &Filter)| {
+        let filtered = |(info, settings, window): (&'static StageInfo, &Filter, Window)| {
             let settings = settings.uniforms(&seen.view, kit::size_px(visibility));
             let (shared, depth, normal) = (&seen.shared, &gbuffer.depth, &gbuffer.normal);
-            let made =
-                bilateral::new(resources, info, shared, visibility, depth, normal, &settings)?;
+            let made = bilateral::new(
+                resources,
+                info,
+                shared,
+                visibility,
+                depth,
+                normal,
+                (&settings, window),
+            )?;
             Ok::<_, GpuError>((info.name, resources.push(made)))
         };
         let filtered = filter.map(filtered).transpose()?;

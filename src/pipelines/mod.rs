@@ -2,6 +2,7 @@
 
 pub mod caustics_image;
 pub mod draw;
+pub mod gtao;
 pub mod hsao;
 mod lighting;
 pub mod occlusion;
@@ -565,6 +566,7 @@ pub const KINDS: &[PipelineKind] = &[
     PipelineKind::new::<voxelize::Voxelize>(),
     PipelineKind::new::<volume_ao::VolumeAo>(),
     PipelineKind::new::<hsao::Hsao>(),
+    PipelineKind::new::<gtao::Gtao>(),
     PipelineKind::new::<scalar_ao::ScalarAo>(),
     PipelineKind::new::<photon_tracing::PhotonTracing>(),
     PipelineKind::new::<shadow_rays::ShadowRays>(),

@@ -14,6 +14,7 @@ use fathom_gpu::GpuError;
 use fathom_gpu::kit::Resources;
 use fathom_scene::Scene;
 use fathom_stages::ao;
+use fathom_stages::bilateral::Window;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::marching::Marching;
 use fathom_stages::voxels::Voxels;
@@ -60,7 +61,8 @@ impl Pipeline for VolumeAo {
             None,
         )?;
         let march = of_buffer.push(march);
-        let filter = params.ao.filter.then_some((&ao::bilateral::INFO, &params.filter));
+        let filter =
+            params.ao.filter.then_some((&ao::bilateral::INFO, &params.filter, Window::Disc));
         let composed =
             LitImage::new(resources, &seen, scene, &geometry, &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {

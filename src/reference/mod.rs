@@ -18,6 +18,7 @@ pub mod picture;
 pub mod pool;
 pub mod quantities;
 pub mod rays;
+pub mod slices;
 pub mod specular;
 pub mod splat;
 pub mod surface;

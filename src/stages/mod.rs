@@ -29,6 +29,11 @@ pub mod godrays {
     pub mod lines;
     pub mod trace;
 }
+/// Ambient occlusion of horizons and of visibility bitmasks, as engines have it.
+pub mod gtao {
+    pub mod filter;
+    pub mod gather;
+}
 /// Horizon-split ambient occlusion, the screen-space method that VAO §6 compares with.
 pub mod hsao {
     pub mod filter;
@@ -110,6 +115,8 @@ pub const REGISTRY: &[StageInfo] = &[
     ao::glass::INFO,
     hsao::march::INFO,
     hsao::filter::INFO,
+    gtao::gather::INFO,
+    gtao::filter::INFO,
     water::reflection::INFO,
     water::refraction::INFO,
     caustics::trace::INFO,

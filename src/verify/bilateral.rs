@@ -2,7 +2,8 @@
 
 use crate::prelude::*;
 use fathom_pipelines::settings::Filter;
-use fathom_stages::{ao, bilateral, hsao};
+use fathom_stages::bilateral::{self, Window};
+use fathom_stages::{ao, gtao, hsao};
 
 const SIZE: [u32; 2] = [96, 64];
 /// Sizes of the buffer that is filtered: the viewport's, half of it, and one that does not divide it. With mean square distances from points of light, along
@@ -12,7 +13,7 @@ const SPREAD: [([u32; 2], [f64; 2]); 3] =
     [(SIZE, [2.3752, 1.1406]), ([48, 32], [2.2971, 0.974]), ([37, 29], [2.4505, 1.1192])];
 
 pub fn cases() -> Vec<Case> {
-    let cases = [&ao::bilateral::INFO, &hsao::filter::INFO].map(|info| {
+    let cases = [&ao::bilateral::INFO, &hsao::filter::INFO, &gtao::filter::INFO].map(|info| {
         [
             Case::new(info.name, "edges of what is drawn", move |rig| leak(info, rig)),
             Case::new(info.name, "two walls", move |rig| walls(info, rig)),
@@ -34,8 +35,15 @@ fn filtered(
     let input = input(&rig.channel(&textures.depth, 0)?);
     let GBuffer { depth, normal, .. } = &textures;
     let uniforms = settings.uniforms(&fixture.view, input.size());
-    let stage =
-        bilateral::new(rig, info, &fixture.shared, &rig.grey(&input), depth, normal, &uniforms)?;
+    let stage = bilateral::new(
+        rig,
+        info,
+        &fixture.shared,
+        &rig.grey(&input),
+        depth,
+        normal,
+        (&uniforms, Window::Disc),
+    )?;
     Ok([rig.draw(&[&stage], stage.texture(), 0)?, input])
 }
 

@@ -138,16 +138,16 @@ fn behind_a_plate(rig: &Rig<'_>) -> Result<Check> {
         .control("within reach", max(2.5)?))
 }
 
-fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
+pub(super) fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
     Camera::new(position_m, target_m, 50.0, [0.1, 20.0])
 }
 
 /// Scene `plane` with other objects, seen by this camera.
-fn built(rig: &Rig<'_>, camera: Camera, objects: Vec<Object>) -> Result<Fixture> {
+pub(super) fn built(rig: &Rig<'_>, camera: Camera, objects: Vec<Object>) -> Result<Fixture> {
     rig.fixture(Scene { camera, objects, ..Scene::load("plane")? }, SIZE)
 }
 
 /// A parallelogram around the origin, with half its sides; its normal is that of `a` × `b`.
-fn quad(a: [f64; 3], b: [f64; 3]) -> Object {
+pub(super) fn quad(a: [f64; 3], b: [f64; 3]) -> Object {
     Object::new("verify", Mesh::parallelogram(DVec3::ZERO, a.into(), b.into()))
 }

@@ -16,6 +16,7 @@ mod effects;
 mod filters;
 mod fresnel;
 mod glass;
+mod gtao;
 mod hsao;
 mod ldi;
 mod light;
@@ -197,6 +198,7 @@ pub fn cases() -> Vec<Case> {
         bilateral::cases(),
         ao_compose::cases(),
         hsao::cases(),
+        gtao::cases(),
         effects::cases(),
         glass::cases(),
         splats::cases(),

@@ -1,8 +1,10 @@
-//! What `ao/bilateral` and `hsao/filter` share: a joint bilateral filter and up-scaling. VAO §6.
+//! What `ao/bilateral`, `gtao/filter` and `hsao/filter` share: a joint bilateral filter and up-scaling. VAO §6.
 
 use glam::Vec2;
+use serde::{Deserialize, Serialize};
 
 use crate::prelude::*;
+use fathom_base::choices;
 
 /// Format of ambient-occlusion buffers: visibility 1 − A, 1 where nothing was drawn.
 pub const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
@@ -29,6 +31,21 @@ shader_struct! {
     }
 }
 
+/// What a pixel's value is filtered over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Window {
+    /// A disc on the surface. VAO §6.
+    Disc,
+    /// The 4 × 4 nearest texels of the buffer. GTAO §4.3.
+    Square,
+}
+
+choices!(Window);
+
+/// Texels of [`Window::Square`].
+const SQUARE_TAPS: u32 = 16;
+
 /// The stage `info`. `visibility` has any size up to the viewport's; each of its texels belongs to the depth texel behind
 /// its middle (`texel_behind` in `shaders/shared/screen.wgsl`). The result has the size of the camera's depth and normals.
 pub fn new(
@@ -38,12 +55,16 @@ pub fn new(
     visibility: &wgpu::Texture,
     depth: &wgpu::Texture,
     normal: &wgpu::Texture,
-    settings: &BilateralUniforms,
+    (settings, window): (&BilateralUniforms, Window),
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let square = window == Window::Square;
+    let taps = if square { SQUARE_TAPS } else { settings.taps };
+    let settings = &BilateralUniforms { taps, ..*settings };
+    let defs = [("SQUARE", i32::from(square))];
     let filter = resources.loop_settings(info.name, settings);
     let own = Bindings::new(&[&filter, visibility, depth, normal]);
     let (groups, targets) = ([&shared.group, &own], [kit::opaque(VISIBILITY_FORMAT)]);
-    let spec = RenderSpec::new(info.name, &groups, &targets);
+    let spec = RenderSpec::new((info.name, &defs), &groups, &targets);
     let pass = DrawPass::new(resources, &spec, kit::size_px(depth), wgpu::Color::WHITE)?;
     // The pixel's normal, its depth and its four neighbours'; depth, visibility and, where they count, normal at each tap.
     let of_tap = if settings.normal_sigma < NO_NORMALS { 3 } else { 2 };
