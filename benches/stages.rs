@@ -43,6 +43,7 @@ volume_ao, 400 samples per pixel | volume_ao | bunny_dry | ao.rays=50 ao.samples
 volume_ao | volume_ao | bunny_dry | view.width=96 view.height=96 ao.skipping=true |
 volume_ao, moving | volume_ao | bunny_dry | view.width=96 view.height=96 animation.deform=twist |
 hsao | hsao | bunny_dry | view.width=96 view.height=96 |
+gtao | gtao | bunny_dry | view.width=96 view.height=96 |
 isosurface | scalar_ao | smoke | view.width=96 view.height=96 |
 direct | scalar_ao | smoke | view.width=96 view.height=96 scalar.mode=direct |
 positional | scalar_ao | smoke | view.width=96 view.height=96 scalar.mode=positional |";

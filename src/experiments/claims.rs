@@ -188,9 +188,9 @@ fn of_least<'a>(least: &Least, cells: &[&'a Cell]) -> Vec<&'a Cell> {
 pub(super) fn compared_cells<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&'a Cell>> {
     let concerned = claimed_cells(claim, cells);
     match (&claim.test, claim.test.over()) {
-        _ if !claim.test.y().reads_times() => Vec::new(),
+        _ if !claim.test.measures().iter().any(|measure| measure.reads_times()) => Vec::new(),
         (_, Some(over)) => groups(&concerned, over).into_iter().map(|(_, group)| group).collect(),
-        (Test::Ratio(_), None) => vec![concerned],
+        (Test::Ratio(_) | Test::EqualTime(_), None) => vec![concerned],
         (_, None) => Vec::new(),
     }
 }
@@ -315,6 +315,10 @@ fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {
     match test {
         Test::Within { y, low, high } => comparisons::each(y, [*low, *high], cells, software),
         Test::Ratio(ratio) => comparisons::ratio(ratio, cells),
+        Test::EqualTime(_) if software => {
+            Err("the times of a software driver are not those of a GPU, whose caches and texture units decide".to_owned())
+        }
+        Test::EqualTime(test) => fits::equal_time(test, cells),
         Test::Slope { y, x, expected, tolerance, max_fixed_share, .. } => {
             let fit = scaling(y, x, cells, max_fixed_share.unwrap_or(FIXED_SHARE))?;
             fits::slope(&fit, *expected, *tolerance)

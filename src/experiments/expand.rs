@@ -409,7 +409,7 @@ impl Experiment {
             reference: self.reference_plan(profile, &overrides),
             repetitions: self.repetition_plan(profile, &overrides),
             stages: stages.unwrap_or(&self.stages).clone(),
-            errors_only: sweep.is_some_and(|sweep| sweep.errors_only),
+            errors_only: sweep.is_some_and(|sweep| *sweep.errors_only.for_profile(profile)),
             overrides,
         }
     }

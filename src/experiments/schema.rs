@@ -20,7 +20,8 @@ use fathom_base::text;
 use fathom_record::{Cell, Profile};
 
 pub use claim::{
-    Balance, Cause, Claim, Direction, FIXED_SHARE, Fault, Least, RISING_SHARE, Ratio, Test,
+    Balance, Cause, Claim, Direction, EqualTime, FIXED_SHARE, Fault, Least, RISING_SHARE, Ratio,
+    Test,
 };
 pub use plot::{Plot, PlotKind};
 
@@ -119,9 +120,10 @@ pub struct Sweep {
     pub params: Map<String, Value>,
     #[serde(default)]
     pub profile: Profiles,
-    /// Its cells are there for their errors and counts: they render one frame, and nothing is timed.
+    /// Its cells are there for their errors and counts: they render one frame, and nothing is timed. `{ quick = true, paper = false }`: in one
+    /// profile.
     #[serde(default)]
-    pub errors_only: bool,
+    pub errors_only: ByProfile<bool>,
     /// May be left out where the sweep has an id.
     #[serde(default, deserialize_with = "tables")]
     pub axis: Vec<Axis>,
@@ -186,6 +188,12 @@ const MAX_REPETITIONS: u32 = 100;
 pub enum ByProfile<T> {
     Each { quick: T, paper: T },
     Both(T),
+}
+
+impl<T: Default> Default for ByProfile<T> {
+    fn default() -> Self {
+        Self::Both(T::default())
+    }
 }
 
 impl<T> ByProfile<T> {
@@ -449,6 +457,9 @@ impl Experiment {
             }
             if let Test::Ratio(ratio) = &claim.test {
                 ratio.check().map_err(|fault| format!("{place} {fault}"))?;
+            }
+            if let Test::EqualTime(test) = &claim.test {
+                self.check_over(Some(&test.over), &place)?;
             }
             if claim.balance == Some(Balance::Published) && self.balance.is_empty() {
                 return Err(format!("{place} needs published sizes in `balance`"));

@@ -234,7 +234,8 @@ fn render_panels(
         };
         Ok(RenderedPanel {
             picture: panel.crop.map_or(picture.clone(), |crop| cropped(&picture, crop)),
-            shows_visibility: frame.pipeline.shows_visibility(),
+            shows_visibility: panel.shows != FigureContent::Error
+                && frame.pipeline.shows_visibility(),
             caption: caption(panel, subject),
         })
     };

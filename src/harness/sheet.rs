@@ -7,7 +7,8 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::figures::{PaperFigure, RenderedPanel, panel_file};
 
 const STYLE: &str = "body { font: 16px/1.4 sans-serif; margin: 1rem; color-scheme: light dark; }
-.panels { display: grid; gap: 1rem; } figure { margin: 0; } img { max-width: 100%; }";
+.panels { display: grid; gap: 1rem; } figure { margin: 0; } img { max-width: 100%; }
+figcaption { contain: inline-size; }";
 
 /// A figure's part of a page, with the files of its panels.
 pub fn section(figure: &PaperFigure, panels: &[RenderedPanel]) -> Markup {

@@ -203,8 +203,12 @@ pub trait PipelineInstance {
     ///
     /// # Errors
     /// As [`Self::judge`].
-    fn compare_pixels(&self, _: &Gpu, _: &Scene) -> Result<Option<PixelComparison>, GpuError> {
-        Ok(None)
+    fn compare_pixels(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+    ) -> Result<Option<PixelComparison>, GpuError> {
+        self.occlusion().map(|buffers| buffers.compare_pixels(gpu, scene)).transpose()
     }
 }
 

@@ -7,7 +7,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation};
-use super::{ErrorPicture, Errors, Judge, JudgeError, Judging, share, to_map};
+use super::{
+    ErrorPicture, Errors, Judge, JudgeError, Judging, PixelComparison, ReferenceCache, share,
+    to_map,
+};
 use fathom_base::statistics::mean;
 use fathom_gpu::{Gpu, GpuError, Pixels, read_texture};
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
@@ -24,6 +27,8 @@ const RAYS: u32 = 256;
 /// The same for a picture.
 const PICTURE_POINTS: usize = 10_000;
 const PICTURE_RAYS: u32 = 96;
+/// Points of a figure's panel.
+const PANEL_POINTS: usize = 40_000;
 /// Occlusion beyond that of the reference from which a point counts as falsely occluded: three standard deviations of 50 rays are 0.21 at
 /// most.
 const FALSE_POSITIVE: f64 = 0.2;
@@ -149,9 +154,27 @@ impl OcclusionBuffers {
         Ok(Box::new(move |judge| {
             let (question, points) = seen.points(judge, PICTURE_POINTS, PICTURE_RAYS)?;
             let errors = errors(&question, &points, &shown);
-            let picture = paint(&question, &points, &errors);
+            let picture = paint(&question, &points, &errors, color);
             Ok((picture, PictureScale::OcclusionError(ErrorSpan::new(PICTURE_FULL, errors))))
         }))
+    }
+
+    /// Cast visibility 1 − A in place of the buffer's, and the error's picture as above; both over a lattice of points.
+    pub(super) fn compare_pixels(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+    ) -> Result<PixelComparison, GpuError> {
+        let (seen, shown) = (self.read_seen(gpu)?, read_texture(gpu, self.visibility())?);
+        let (scene, references) = (Arc::new(scene.clone()), ReferenceCache::default());
+        let points = seen.points(&Judge::new(&scene, &references), PANEL_POINTS, PICTURE_RAYS);
+        let (question, points) = points.map_err(|error| GpuError::Unusable(error.to_string()))?;
+        let cast: Vec<f64> = points.iter().map(|point| point.occlusion).collect();
+        let grey = |a: f64| [(255.0 * (1.0 - a)).round() as u8; 3];
+        Ok(PixelComparison {
+            exact: paint(&question, &points, &cast, grey),
+            error: paint(&question, &points, &errors(&question, &points, &shown), color),
+        })
     }
 
     fn read_seen(&self, gpu: &Gpu) -> Result<SeenSurfaces, GpuError> {
@@ -385,8 +408,13 @@ pub(super) fn signed_color(share: f64) -> [u8; 3] {
     if share > 0.0 { [255, faded, faded] } else { [faded, faded, 255] }
 }
 
-/// Paints each point's error over the pixels that are nearest to it on the lattice.
-fn paint(question: &OcclusionQuery, points: &[JudgedPoint], errors: &[f64]) -> RgbImage {
+/// Paints each point's value over the pixels that are nearest to it on the lattice.
+fn paint(
+    question: &OcclusionQuery,
+    points: &[JudgedPoint],
+    values: &[f64],
+    color: impl Fn(f64) -> [u8; 3],
+) -> RgbImage {
     const NOTHING: Rgb<u8> = Rgb([190; 3]);
     let [width, height] = question.size_px;
     let apart = |axis: usize| {
@@ -400,11 +428,11 @@ fn paint(question: &OcclusionQuery, points: &[JudgedPoint], errors: &[f64]) -> R
     };
     let block = [apart(0), apart(1)];
     let mut picture = RgbImage::from_pixel(width, height, NOTHING);
-    for (point, error) in points.iter().zip(errors) {
+    for (point, value) in points.iter().zip(values) {
         let start: [u32; 2] = std::array::from_fn(|i| point.pixel[i].saturating_sub(block[i] / 2));
         for y in start[1]..(start[1] + block[1]).min(height) {
             for x in start[0]..(start[0] + block[0]).min(width) {
-                picture.put_pixel(x, y, Rgb(color(*error)));
+                picture.put_pixel(x, y, Rgb(color(*value)));
             }
         }
     }

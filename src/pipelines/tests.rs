@@ -80,6 +80,7 @@ fn parameters_that_do_not_fit_each_other_the_scene_or_the_adapter_are_named() {
         ("volume_ao plane", "ao.rays=65536", "ao.rays"),
         ("volume_ao plane", tiny, "ao.skipping"),
         ("hsao tank", "hsao.directions=1024 hsao.steps=64", "hsao.directions × hsao.steps"),
+        ("gtao tank", "gtao.slices=1024 gtao.steps=64", "2 × gtao.slices × gtao.steps"),
         ("photon_tracing tank", "rays.rows=1", tiles),
         ("photon_tracing tank", "transfer.grid=[16384,16384]", tiles),
         ("photon_tracing tank", "sprites.max_hits=2", "sprites.max_hits above 1"),

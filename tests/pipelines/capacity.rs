@@ -39,6 +39,7 @@ fn demands_foresee_what_pipelines_allocate() {
         ("underwater", "plane", ""),
         ("underwater", "plane", filters),
         ("hsao", "corner", "hsao.scale=0.5"),
+        ("gtao", "corner", "gtao.scale=0.5 gtao.window=square"),
         ("volume_ao", "corner", "ao.skipping=true voxel.resolution=192"),
         ("volume_ao", "corner", "ao.filter=false ao.scale=0.5"),
         ("voxelize", "corner", "voxel.method=slicemap voxel.resolution=256"),

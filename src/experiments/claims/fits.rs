@@ -4,10 +4,14 @@
 
 use std::collections::HashSet;
 
+use itertools::Itertools;
+use serde_json::Value;
+
 use super::evidence::{BoundCheck, ClaimFigure};
 use super::{Tested, format_ms, too_few};
-use crate::measure::{Measure, Quantity, RoundSample};
-use crate::schema::RISING_SHARE;
+use crate::expand::label_text;
+use crate::measure::{self, Measure, Quantity, RoundSample};
+use crate::schema::{EqualTime, RISING_SHARE};
 use fathom_base::statistics::{ALPHA, Interval, Slope, log_log_slope};
 use fathom_base::visits::Scale;
 use fathom_record::Cell;
@@ -241,6 +245,53 @@ pub(super) fn affine(y: &Measure, x: &Measure, tolerance: f64, cells: &[&Cell]) 
         )
     });
     Ok([rising].into_iter().chain(off).collect())
+}
+
+/// `y` at one value over that at each other value, at equal time: see [`EqualTime`]. A value whose smallest size takes longer is no rival.
+pub(super) fn equal_time(test: &EqualTime, cells: &[&Cell]) -> Tested {
+    let read = cells.iter().copied().filter_map(|cell| {
+        let measured = cell.measured()?;
+        let (y, time) = (test.y.read(cell, measured)?, test.time.read(cell, measured)?);
+        Some((cell.axes.get(&test.over)?, (y.median(), time), measure::fits(cell, &test.of)))
+    });
+    let read = read.collect_vec();
+    let Some(whole) = read.iter().position(|(.., is_whole)| *is_whole) else {
+        return Err("the cell whose time is shared out was not measured".to_owned());
+    };
+    let points = read.iter().map(|(_, point, _)| point.clone()).collect_vec();
+    let at = |points: &[(f64, f64)], value: &Value, share: f64| {
+        let of_value = read.iter().zip(points).filter(|((of, ..), _)| measure::same(of, value));
+        within_time(of_value.map(|(_, point)| *point).collect(), share * points[whole].1)
+    };
+    let rivals = read.iter().map(|(value, ..)| *value).unique_by(|value| label_text(value));
+    let rivals = rivals.filter(|value| !measure::same(value, &test.numerator));
+    let mut checks = Vec::new();
+    for (rival, share) in rivals.cartesian_product(&test.shares) {
+        let names = [&test.numerator, rival].map(label_text);
+        let Some(_) = at(&medians(&points), &test.numerator, *share) else {
+            return Err(format!("`{}` takes more than {share} of the time at any size", names[0]));
+        };
+        if at(&medians(&points), rival, *share).is_some() {
+            let ratio = by_visit(&points, |points| {
+                Some(at(points, &test.numerator, *share)? / at(points, rival, *share)?)
+            });
+            let name = format!("{} at {share} of the time", names.join(" / "));
+            checks.push(BoundCheck::new(name, ratio, [0.0, 1.0]));
+        }
+    }
+    Ok(checks)
+}
+
+/// The least y that a time allows, of sizes with their y and their times.
+fn within_time(mut sizes: Vec<(f64, f64)>, time: f64) -> Option<f64> {
+    sizes.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let fit = sizes.iter().filter(|(_, taken)| *taken <= time).map(|(y, _)| *y);
+    let least = fit.reduce(f64::min)?;
+    let between = sizes.iter().tuple_windows().find(|(a, b)| a.1 <= time && time < b.1);
+    Some(between.map_or(least, |(a, b)| {
+        let share = (time / a.1).ln() / (b.1 / a.1).ln();
+        least.min(a.0 * (b.0 / a.0).powf(share))
+    }))
 }
 
 pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64) -> Tested {

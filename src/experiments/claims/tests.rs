@@ -509,3 +509,38 @@ fn a_contradicted_claim_tells_its_cause() {
     assert!(reason(paper, 5.0, false).ends_with(". The paper decides: a slip"));
     assert!(!reason(paper, 1.0, true).contains("paper"));
 }
+
+/// Of `b` time 4 gives an error of 2, and time 1 of 8: half of it at time 2.
+#[test]
+fn at_equal_time_the_least_error_is_interpolated_over_time() {
+    let test = r#"equal_time = { y = "quantity:error", time = "stage:s", over = "m", numerator = "a", of = { m = "b", n = 2 }, shares = [0.5, 1.0] }"#;
+    let sized = |errors: [f64; 2], faster: f64| {
+        let mut random = Pcg64::seed_from_u64(7);
+        let mut of = |m: &str, n: u32, error: f64, ms: f64| {
+            let mut made = cell(&[("m", json!(m)), ("n", json!(n))], ms, &mut random);
+            if let Outcome::Measured(measured) = &mut made.outcome {
+                measured.quantities.insert("error".to_owned(), error);
+            }
+            made
+        };
+        let a = [of("a", 1, errors[0], faster), of("a", 2, errors[1], 2.0 * faster)];
+        a.into_iter().chain([of("b", 1, 8.0, 1.0), of("b", 2, 2.0, 4.0)]).collect::<Vec<_>>()
+    };
+    let ruled = |cells: Vec<Cell>, software: bool| {
+        let axes = SWEPT.to_owned() + "[[sweep.axis]]\nname = \"m\"\nvalues = [\"a\"]\n";
+        let claim = format!("{axes}[[claim]]\nid = \"c\"\ntext = \"x\"\ntest.{test}");
+        let ruling = own(&claim).rulings(&cells.iter().collect::<Vec<_>>(), software).remove(0);
+        (ruling.verdict, ruling.reason, ruling.deciding.first().map_or(f64::NAN, |f| f.value))
+    };
+    // At time 2 `b` gives 4; `a` gives 2 there and 1 at time 4, against 2.
+    let (verdict, reason, value) = ruled(sized([2.0, 1.0], 2.0), false);
+    assert_eq!(verdict, Supported, "{reason}");
+    assert!((value - 0.5).abs() < 0.02 && reason.contains("of 2"), "{reason} {value}");
+    assert_eq!(ruled(sized([9.0, 5.0], 1.0), false).0, Contradicted);
+    // Less at its smallest size than at its larger one: more time allows the smaller size.
+    assert_eq!(ruled(sized([1.0, 9.0], 1.5), false).0, Supported);
+    let (verdict, reason, _) = ruled(sized([2.0, 1.0], 3.0), false);
+    assert!(verdict == NotRun && reason.contains("takes more than 0.5"), "{reason}");
+    let (verdict, reason, _) = ruled(sized([2.0, 1.0], 2.0), true);
+    assert!(verdict == NotRun && reason.contains("software"), "{reason}");
+}

@@ -180,6 +180,7 @@ pub enum Test {
         tolerance: f64,
     },
     Ratio(Ratio),
+    EqualTime(EqualTime),
     /// Every cell lies within `low … high`.
     Within {
         y: Measure,
@@ -220,6 +221,20 @@ pub struct Ratio {
     pub low: f64,
     #[serde(default = "no_high")]
     pub high: f64,
+}
+
+/// At these shares of a cell's time, `y` at one value of an axis is at most that at each other value. The other cells of a value are its sizes:
+/// between two of them `y` is interpolated over time, both in logarithms, and a greater time allows what a smaller one gives.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EqualTime {
+    pub y: Measure,
+    pub time: Measure,
+    pub over: String,
+    pub numerator: Value,
+    /// Axis or parameter → value: the cell whose time is shared out.
+    pub of: Map<String, Value>,
+    pub shares: Vec<f64>,
 }
 
 fn no_low() -> f64 {
@@ -284,7 +299,7 @@ impl Test {
             | Test::Monotone { over, .. }
             | Test::Band { over, .. } => Some(over),
             Test::Ratio(ratio) => ratio.over.as_deref(),
-            Test::Within { .. } => None,
+            Test::EqualTime(_) | Test::Within { .. } => None,
         }
     }
 
@@ -296,16 +311,18 @@ impl Test {
             | Test::Monotone { y, .. }
             | Test::Band { y, .. }
             | Test::Ratio(Ratio { y, .. })
+            | Test::EqualTime(EqualTime { y, .. })
             | Test::Within { y, .. } => y,
         }
     }
 
-    pub(super) fn measures(&self) -> Vec<&Measure> {
+    pub(crate) fn measures(&self) -> Vec<&Measure> {
         match self {
             Test::Slope { y, x, .. }
             | Test::Affine { y, x, .. }
             | Test::Monotone { y, x, .. }
             | Test::Band { y, x, .. } => vec![y, x],
+            Test::EqualTime(EqualTime { y, time, .. }) => vec![y, time],
             _ => vec![self.y()],
         }
     }

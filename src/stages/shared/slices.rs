@@ -37,12 +37,18 @@ mod tests {
 
     /// What keeps the turns of an invocation below [`MAX_ITERATIONS`], and the shaders with loops of which that is so.
     const HELD: &[(&str, &str)] = &[
-        ("bound declared by the stage", "caustics/splat caustics/trace godrays/trace hsao/march"),
+        (
+            "bound declared by the stage",
+            "caustics/splat caustics/trace godrays/trace gtao/gather hsao/march",
+        ),
         ("bound declared by the stage", "rays/march refraction/surface refraction/trace"),
         ("bound declared by the stage", "scalar/isosurface"),
         ("slices of rays or of steps", "ao/march ao/query scalar/direct scalar/positional"),
         ("layers of the dispatch", "voxel/alpha voxel/overlap"),
-        ("1,024 taps, 17² texels", "ao/bilateral caustics/filter godrays/filter hsao/filter"),
+        (
+            "1,024 taps, 17² texels",
+            "ao/bilateral caustics/filter godrays/filter gtao/filter hsao/filter",
+        ),
         ("1,024 waves, four pixels, 256 taps", "compose"),
         ("eight heights of 1,024 waves", "shadow/mask transfer/map"),
         ("64 layers", "rays/rasterize sprites/draw transfer/bounce"),

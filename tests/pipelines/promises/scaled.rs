@@ -34,6 +34,8 @@ ao.attenuation=hard|voxel.method=slicemap|voxel.method=max_alpha ao.occluder=opa
 animation.deform=wave animation.time_s=0.4
 hsao;crates room corner slab;hsao.directions=6 hsao.steps=6 shadow.size=128;\
 hsao.attenuation=hard|hsao.scale=0.5|animation.deform=twist animation.time_s=0.4
+gtao;crates room corner slab;gtao.steps=5 shadow.size=128;\
+gtao.occluders=horizons gtao.fall=0.2|gtao.sectors=uniform|gtao.scale=0.5 gtao.window=square
 scalar_ao;smoke engine bonsai;volume.reduce=8 scalar.rays=6;\
 scalar.mode=isosurface|scalar.mode=direct|scalar.mode=positional scalar.law=beer|scalar.gather=opacity
 voxelize;crates room bricks;voxel.resolution=32;\
