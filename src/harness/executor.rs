@@ -224,7 +224,7 @@ impl<'a> CellExecutor<'a> {
         let mut findings = CellFindings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
         // They explain times, and errors where a claim or a plot asks for them.
-        let asked = self.quantities.iter().any(|name| name == "samples_per_pixel");
+        let asked = self.quantities.iter().any(|name| name.starts_with("samples_per_pixel"));
         if asked || !self.cells[cell].plan.errors_only {
             let counted = pipeline.counted_reads(&self.session.gpu);
             let counted = findings.noted(NoteKind::NotComputed, "reads not counted", counted);
