@@ -15,20 +15,53 @@ const SPREAD: [([u32; 2], [f64; 2]); 3] =
 pub fn cases() -> Vec<Case> {
     let cases = [&ao::bilateral::INFO, &hsao::filter::INFO, &gtao::filter::INFO].map(|info| {
         [
-            Case::new(info.name, "edges of what is drawn", move |rig| leak(info, rig)),
+            Case::new(info.name, "edges of what is drawn", move |rig| {
+                leak((info, Window::Disc), rig)
+            }),
             Case::new(info.name, "two walls", move |rig| walls(info, rig)),
             Case::new(info.name, "points of light on a slanted wall", move |rig| spread(info, rig)),
             Case::new(info.name, "noise on twigs", move |rig| within_range(info, rig)),
         ]
     });
-    cases.into_iter().flatten().collect()
+    let square = (&gtao::filter::INFO, Window::Square);
+    let leak = move |rig: &Rig<'_>| leak(square, rig);
+    let of_square = [
+        Case::new(square.0.name, "edges of what is drawn, square", leak),
+        Case::new(square.0.name, "a mean of 4 × 4 texels", mean_of_square),
+    ];
+    cases.into_iter().flatten().chain(of_square).collect()
+}
+
+/// On a wall that faces the camera all texels weigh the same.
+fn mean_of_square(rig: &Rig<'_>) -> Checks {
+    let (fixture, _) = rig.two_walls(SIZE, [3.0; 2], [DVec3::Z; 2])?;
+    let check = |source: [u32; 2]| {
+        let noise = noise(source, 3);
+        let off = |window| -> Result<f64> {
+            let of = (&gtao::filter::INFO, rig);
+            let settings = (&Filter::default(), window);
+            let [found, _] = filtered(of, &fixture, settings, |_| noise.clone())?;
+            let exact = |(x, y): (u32, u32)| {
+                let first = [x, y].into_iter().zip(source).zip(SIZE).map(|((at, from), to)| {
+                    ((f64::from(at) + 0.5) * f64::from(from) / f64::from(to) - 1.5).floor() as i64
+                });
+                let first: Vec<i64> = first.collect();
+                mean((0..16).map(|i| noise.clamped(first[0] + i % 4, first[1] + i / 4)))
+            };
+            Ok(largest(pixels(SIZE).map(|at| (found.get(at) - exact(at)).abs())))
+        };
+        Ok(Check::new(rig, format!("{source:?} texels: largest error of the mean of 4 × 4"))
+            .within((1e-3, "1"), off(Window::Square)?)
+            .control("a disc", off(Window::Disc)?))
+    };
+    [SIZE, [48, 32], [37, 29]].into_iter().map(check).collect()
 }
 
 /// Filters what `input` makes of the depth of a scene.
 fn filtered(
     (info, rig): (&'static StageInfo, &Rig<'_>),
     fixture: &Fixture,
-    settings: &Filter,
+    (settings, window): (&Filter, Window),
     input: impl FnOnce(&Image) -> Image,
 ) -> Result<[Image; 2]> {
     let textures = rig.gbuffer(fixture)?;
@@ -42,7 +75,7 @@ fn filtered(
         &rig.grey(&input),
         depth,
         normal,
-        (&uniforms, Window::Disc),
+        (&uniforms, window),
     )?;
     Ok([rig.draw(&[&stage], stage.texture(), 0)?, input])
 }
@@ -61,7 +94,8 @@ fn spread(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
         let middle = |k: u32| k % APART_PX == APART_PX / 2;
         let points = Image::from_fn(source, |x, y| f64::from(u8::from(middle(x) && middle(y))));
         let errors = |settings: &Filter| -> Result<[f64; 2]> {
-            let [found, _] = filtered((info, rig), &fixture, settings, |_| points.clone())?;
+            let [found, _] =
+                filtered((info, rig), &fixture, (settings, Window::Disc), |_| points.clone())?;
             let square = |axis: usize, k: u32| {
                 let place = (f64::from(k) + 0.5) * f64::from(source[axis]) / f64::from(SIZE[axis]);
                 let apart_px = f64::from(APART_PX);
@@ -96,8 +130,8 @@ fn walls(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let settings = Filter::default();
     let blind =
         Filter { depth_sigma: 1e3, normal_sigma: bilateral::NO_NORMALS.into(), ..settings.clone() };
-    let [mixed, on] = filtered((info, rig), &fixture, &blind, white)?;
-    let [found, _] = filtered((info, rig), &fixture, &settings, white)?;
+    let [mixed, on] = filtered((info, rig), &fixture, (&blind, Window::Disc), white)?;
+    let [found, _] = filtered((info, rig), &fixture, (&settings, Window::Disc), white)?;
     let between = pixels(SIZE).filter(|at| (0.02..0.98).contains(&mixed.get(*at)));
     let between: Vec<_> = between.collect();
     let error = |depth_sigma: f64, normal_sigma: f64| {
@@ -130,7 +164,8 @@ fn within_range(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let (depth, settings) = (rig.channel(&rig.gbuffer(&fixture)?.depth, 0)?, Filter::default());
     let check = |source: [u32; 2]| {
         let noise = noise(source, 5);
-        let [found, _] = filtered((info, rig), &fixture, &settings, |_| noise.clone())?;
+        let [found, _] =
+            filtered((info, rig), &fixture, (&settings, Window::Disc), |_| noise.clone())?;
         // Of the middle of a pixel or texel, that of the other image.
         let other = |(x, y): (u32, u32), [from, to]: [[u32; 2]; 2]| {
             let along = |at: u32, axis: usize| (2 * at + 1) * to[axis] / (2 * from[axis]);
@@ -160,10 +195,10 @@ fn within_range(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
 }
 
 /// Black on the geometry of a scene, white beside it.
-fn leak(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Check> {
+fn leak((info, window): (&'static StageInfo, Window), rig: &Rig<'_>) -> Result<Check> {
     let fixture = rig.fixture(Scene::load("tank")?, SIZE)?;
     let outside = |depth: &Image| depth.map(|z| f64::from(u32::from(z >= 1.0)));
-    let [result, input] = filtered((info, rig), &fixture, &Filter::default(), outside)?;
+    let [result, input] = filtered((info, rig), &fixture, (&Filter::default(), window), outside)?;
     let leak = |shifted: i64| {
         let beside = |x: u32, y: u32| input.clamped(i64::from(x) + shifted, y.into());
         largest(pixels(SIZE).map(|(x, y)| (result.get((x, y)) - beside(x, y)).abs()))
