@@ -62,7 +62,7 @@ fn errors_are_painted_red_where_too_dark() {
     assert_eq!(color(-0.125), [128, 128, 255]);
     let question = question(1);
     let points = points(&question, 100);
-    let picture = paint(&question, &points, &vec![0.3; points.len()]);
+    let picture = paint(&question, &points, &vec![0.3; points.len()], color);
     let red = picture.pixels().filter(|pixel| pixel.0 == [255, 0, 0]);
     // The lattice's blocks touch: nearly all that is seen is painted.
     assert!(red.count() > 48 * 40 / 2);
