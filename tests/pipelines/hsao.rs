@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, Pixels, read_texture};
+use fathom::pipelines::Pipeline;
 use fathom::pipelines::gtao::Gtao;
 use fathom::pipelines::hsao::Hsao;
-use fathom::pipelines::Pipeline;
 
 use super::{built, gpu, mean, prepared};
 

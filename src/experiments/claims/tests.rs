@@ -532,8 +532,8 @@ fn at_equal_time_the_least_error_is_interpolated_over_time() {
         let ruling = own(&claim).rulings(&cells.iter().collect::<Vec<_>>(), software).remove(0);
         (ruling.verdict, ruling.reason, ruling.deciding.first().map_or(f64::NAN, |f| f.value))
     };
-    // At time 2 `b` gives 4; `a` gives 2 there and 1 at time 4, against 2.
-    let (verdict, reason, value) = ruled(sized([2.0, 1.0], 2.0), false);
+    // At time 2 `b` gives 4, and `a` 1.9; at time 4 it is 2 and 1.
+    let (verdict, reason, value) = ruled(sized([2.0, 1.0], 1.9), false);
     assert_eq!(verdict, Supported, "{reason}");
     assert!((value - 0.5).abs() < 0.02 && reason.contains("of 2"), "{reason} {value}");
     assert_eq!(ruled(sized([9.0, 5.0], 1.0), false).0, Contradicted);
