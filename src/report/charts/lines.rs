@@ -15,7 +15,7 @@ use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
 use fathom_record::Cell;
 
 /// Series that one chart can hold: as many as the palette has colours.
-const MAX_TOGETHER: usize = 6;
+const MAX_TOGETHER: usize = 7;
 /// Height of a chart with its axis.
 const HEIGHT_PX: u32 = 350;
 const SMALL_HEIGHT_PX: u32 = 320;

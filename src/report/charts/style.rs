@@ -9,14 +9,15 @@ use crate::colors::Color as StageColor;
 use crate::document::Tone;
 
 /// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)), without the yellow, which is
-/// faint on white.
-const PALETTE: [RGBColor; 6] = [
+/// faint on white; its black is a grey here.
+const PALETTE: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(86, 180, 233),
     RGBColor(230, 159, 0),
+    RGBColor(84, 84, 84),
 ];
 
 pub const INK: RGBColor = RGBColor(34, 34, 34);
@@ -36,13 +37,14 @@ pub const BAND: RGBColor = RGBColor(222, 238, 228);
 /// Class of the root element, which the style sheet is confined to.
 const CLASS: &str = "fathom-chart";
 /// Colours of a light page and what stands for them on a dark one. They come from nothing but this module's constants.
-const DARK: [(RGBColor, &str); 9] = [
+const DARK: [(RGBColor, &str); 10] = [
     (WHITE, "#14171b"),
     (INK, "#e6e8eb"),
     (FAINT, "#a3abb6"),
     (GRID, "#363c45"),
     (BAND, "#20382b"),
     (PALETTE[0], "#3d9be0"),
+    (PALETTE[6], "#b4bac2"),
     (GOOD, "#72cf95"),
     (BAD, "#ff9a92"),
     (OPEN, "#eab955"),
