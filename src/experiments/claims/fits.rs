@@ -276,7 +276,7 @@ pub(super) fn equal_time(test: &EqualTime, cells: &[&Cell]) -> Tested {
                 Some(at(points, &test.numerator, *share)? / at(points, rival, *share)?)
             });
             let name = format!("{} at {share} of the time", names.join(" / "));
-            checks.push(BoundCheck::new(name, ratio, [0.0, 1.0]));
+            checks.push(BoundCheck::new(name, ratio, [f64::NEG_INFINITY, 1.0]));
         }
     }
     Ok(checks)
