@@ -392,8 +392,8 @@ mod tests {
     #[test]
     fn groups_of_one_measure_share_their_axes() {
         let groups = "\n[[sweep.axis]]\nname = \"godrays.grid\"\nvalues = ";
-        let all = [1, 2, 3, 4, 5, 6, 7];
-        for (several, charts) in [(6, 1), (7, 7)] {
+        let all = [1, 2, 3, 4, 5, 6, 7, 8];
+        for (several, charts) in [(7, 1), (8, 8)] {
             let values = format!("[10, 20, 40]{groups}{:?}", &all[..several]);
             let svg = drawn("lines", "caustics.grid", &values);
             assert_eq!(svg.matches("linear scale").count(), charts);
