@@ -229,6 +229,8 @@ pub fn columns<R: AsRef<[String]>>(rows: &[R]) -> Vec<String> {
 const ALIKE: f64 = 0.7;
 /// That of two names that differ by one slip of typing. Jaro–Winkler finds nothing alike in short ones, such as `rnu` and `run`.
 const SLIP: f64 = 0.9;
+/// That of a name and its beginning.
+const BEGINNING: f64 = 0.98;
 /// Below this length every name is a slip away from many others.
 const SHORTEST_SLIP: usize = 3;
 
@@ -253,7 +255,11 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let likeness = |candidate: &str| {
         let tail = strsim::jaro_winkler(&last(name), &last(candidate));
         let is_slip = strsim::osa_distance(name, candidate) <= 1;
-        let slip = if is_slip && name.chars().count() >= SHORTEST_SLIP { SLIP } else { 0.0 };
+        let slip = match name.chars().count() >= SHORTEST_SLIP {
+            true if candidate.starts_with(name) => BEGINNING,
+            true if is_slip => SLIP,
+            _ => 0.0,
+        };
         strsim::jaro_winkler(name, candidate).max(0.95 * tail).max(slip)
     };
     let rated = candidates.into_iter().map(|candidate| (likeness(candidate), candidate));
@@ -283,6 +289,7 @@ mod tests {
             ("cvs", ["junit", "csv"], Some("csv")),
             ("xyz", ["render", "run"], None),
             ("caustics.gird", ["caustics.grid", "grid.size"], Some("caustics.grid")),
+            ("voxel.res", ["voxel.axes", "voxel.resolution"], Some("voxel.resolution")),
         ] {
             assert_eq!(nearest(name, candidates).as_deref(), expected, "{name}");
         }

@@ -351,7 +351,20 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> ExitResult {
     let mut subjects = Subjects::new(catalog).with_capacity(&gpu.capacity);
     let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
     let _lock = FolderLock::take(&args.output)?;
-    list_files(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
+    let dumped = dumping::dump(&gpu, &subject, &args.stage, &args.output);
+    let runs_it = |name: &&str| {
+        let stages = catalog.stages_of(name).unwrap_or_default();
+        stages.iter().any(|stage| stage.name == args.stage)
+    };
+    list_files(dumped.map_err(|error| {
+        if runs_it(&&*args.pipeline) {
+            return error;
+        }
+        match catalog.kinds.iter().map(|kind| kind.name).filter(runs_it).join(", ") {
+            names if names.is_empty() => error,
+            names => anyhow::anyhow!("{error}; with --pipeline it is run by {names}"),
+        }
+    })?)
 }
 
 /// Of one folder all its files, beside its records. Of several, or into another folder, one page.

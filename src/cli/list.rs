@@ -33,7 +33,7 @@ impl Row {
     }
 
     fn published_in(self, source: &str) -> Self {
-        Self { source: Some(source.to_owned()), ..self }
+        Self { source: Some(source.to_owned()).filter(|source| !source.is_empty()), ..self }
     }
 
     fn text(&self) -> Vec<String> {

@@ -31,7 +31,8 @@ pub struct Experiment {
     /// Name on the command line, in every record and of files: see [`text::check_id`].
     pub id: String,
     pub title: String,
-    /// The publication's section or figure, such as `UW §4.2`.
+    /// The publication's section or figure, such as `UW §4.2`. None of an experiment of one's own.
+    #[serde(default)]
     pub source: String,
     /// What is done and why, and where it departs from the publication.
     #[serde(default)]
@@ -566,8 +567,11 @@ fn one() -> f64 {
 pub fn one_line(error: &toml::de::Error, source: &str) -> String {
     let line =
         error.span().map(|span| source[..span.start.min(source.len())].matches('\n').count() + 1);
-    match line {
-        Some(line) => format!("line {line}: {}", text::fault(error.message())),
-        None => text::fault(error.message()),
-    }
+    let key = error
+        .span()
+        .and_then(|span| source.get(span))
+        .filter(|_| error.message() == "duplicate key");
+    let fault =
+        text::fault(error.message()) + &key.map_or_else(String::new, |key| format!(" `{key}`"));
+    line.map_or(fault.clone(), |line| format!("line {line}: {fault}"))
 }

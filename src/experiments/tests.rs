@@ -249,6 +249,7 @@ fn broken_files_are_told_in_one_line() {
         (filter.replace("godrays_noise", "caustics_noise"), "twice"),
         (format!("{swept}{BARS}"), "needs one y, and either over or colors"),
         (swept.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
+        (swept.replace("title =", "id = \"own\"\ntitle ="), "duplicate key `id`"),
         (swept.replace("title =", "colour = 1\ntitle ="), "unknown field `colour`"),
         (swept.replace("[10, 20]", "[]"), "empty list"),
         (swept.replace("paper = [100, 200, 400]\n", ""), "`quick` and `paper`"),

@@ -78,8 +78,11 @@ impl SweepRequest {
             ensure!(!again, "axis `{path}` is there twice: give all its values in one --axis");
             let is_set = self.sets.iter().any(|(set, _)| set == path);
             ensure!(!is_set, "`{path}` is swept: leave --set {path} out");
+            if let Some(value) = values.iter().duplicates().next() {
+                bail!("axis `{path}` has the value {value} twice");
+            }
             ensure!(
-                values.iter().unique().count() > 1,
+                values.len() > 1,
                 "axis `{path}` has one value: a sweep needs two, and an exponent three: --axis {path}={},…",
                 values.join(",")
             );
@@ -90,7 +93,7 @@ impl SweepRequest {
     fn parsed_axes(&self) -> Result<Vec<(String, Vec<Value>)>> {
         let axis = |(path, values): &(String, Vec<String>)| {
             let value = |text| Ok(parse_set(&format!("{path}={text}"))?.1);
-            Ok((path.clone(), values.iter().unique().map(value).collect::<Result<_>>()?))
+            Ok((path.clone(), values.iter().map(value).collect::<Result<_>>()?))
         };
         self.axes.iter().map(axis).collect()
     }
@@ -149,6 +152,10 @@ impl SweepRequest {
                 "--camera takes AZIMUTH,ELEVATION in degrees; --set camera.position_m and camera.target_m set any other"
             );
         };
+        ensure!(
+            azimuth.abs() <= 360.0 && elevation.abs() <= 90.0,
+            "--camera {azimuth},{elevation}: an azimuth lies within −360 … 360 degrees, an elevation within −90 … 90"
+        );
         let camera = Camera::around(&subject.scene.solid_bounds(), [azimuth, elevation]);
         camera.validate().map_err(anyhow::Error::msg)?;
         let tree = parameter::tree(&camera);
@@ -196,7 +203,8 @@ mod tests {
             ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
             ("volume_ao plane caustics.grid=32,64", "which is one of underwater"),
             ("underwater plane caustics.buffer=32,64", "such as `[64, 64]`, not 32"),
-            ("volume_ao plane voxel.resolution=32,32", "has one value: a sweep needs two"),
+            ("volume_ao plane voxel.resolution=32", "has one value: a sweep needs two"),
+            ("volume_ao plane voxel.resolution=32,32", "has the value 32 twice"),
             ("volume_ao plane voxel.resolution=32,9999", "is 9999: it must lie within "),
             ("volume_ao plane voxel.resolution=32,few", "takes a whole number"),
             ("volume_ao plane ao.rays=1,2 ao.rays=3,4", "is there twice"),
@@ -216,6 +224,8 @@ mod tests {
         told(SweepRequest { sets, ..good() }, "leave --set ao.rays out");
         let camera = Some(vec![1.0]);
         told(SweepRequest { camera, ..good() }, "--camera takes AZIMUTH,ELEVATION");
+        let camera = Some(vec![400.0, 95.0]);
+        told(SweepRequest { camera, ..good() }, "an elevation within −90 … 90");
         told(SweepRequest { knee_share: f64::NAN, ..good() }, "must lie between 0 and 1");
     }
 

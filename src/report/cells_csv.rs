@@ -1,22 +1,23 @@
-//! `cells.csv`: one row per cell and stage, as RFC 4180 has it, with a column for each axis of the run's cells. A cell without figures has
-//! one row with an empty stage.
-//! The quantities of a cell stand in its first row only: they are many, and the same for all its stages.
+//! `cells.csv`: a row for each cell's frame, with the stage `frame`, and one for each of its stages, as RFC 4180 has it, with a column for each
+//! axis of the run's cells. What is of the whole frame stands in its row alone, so that a sum over rows counts it once. A cell without
+//! figures has one row with an empty stage. An axis with numbers beside words has a second column for the words: a column has one type.
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
 use itertools::Itertools;
+use serde_json::Value;
 
 use super::{Exporter, Report, RunCell, RunExporter, RunFormat, Timing};
 use fathom_base::statistics::{mean, median, quantile};
 use fathom_base::text;
 use fathom_experiments::label_text;
 use fathom_record::{
-    CeilingShare, ErrorFigure, Estimate, Fenced, Interval, Measured, Outcome, Run, StageRecord,
-    Throttling, Work, machine,
+    Build, CeilingShare, Cell, ErrorFigure, Estimate, Fenced, Interval, Measured, Outcome, Run,
+    StageRecord, Throttling, Work, machine,
 };
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "csv",
-    about: "one row per cell and stage",
+    about: "a row for each cell's frame and for each of its stages",
     file: "cells.csv",
     written: Timing::WithEveryReport,
     export: RunFormat::One(export),
@@ -27,7 +28,7 @@ type StageField = fn(&StageRecord) -> String;
 type FrameField = fn(&Measured) -> String;
 type ErrorField = fn(&ErrorFigure) -> String;
 
-const CELL_COLUMNS: [(&str, CellField); 10] = [
+const CELL_COLUMNS: [(&str, CellField); 14] = [
     ("experiment", |entry| entry.cell.experiment.clone()),
     ("cell", |entry| entry.cell.cell.clone()),
     ("pipeline", |entry| entry.cell.pipeline.clone()),
@@ -36,6 +37,14 @@ const CELL_COLUMNS: [(&str, CellField); 10] = [
     ("adapter", |entry| run_field(entry, |run| run.adapter.title())),
     ("software", |entry| run_field(entry, |run| run.adapter.software.to_string())),
     ("profile", |entry| run_field(entry, |run| run.profile.to_string())),
+    ("driver", |entry| {
+        run_field(entry, |run| format!("{} {}", run.adapter.driver, run.adapter.driver_info))
+    }),
+    ("machine", |entry| run_field(entry, |run| run.conditions.host.clone().unwrap_or_default())),
+    ("commit", |entry| {
+        run_field(entry, |run| run.build.as_ref().map(Build::to_string).unwrap_or_default())
+    }),
+    ("started_at", |entry| run_field(entry, |run| run.started_at.clone())),
     ("status", |entry| status(entry)[0].to_owned()),
     ("reason", |entry| status(entry)[1].to_owned()),
 ];
@@ -94,10 +103,9 @@ const FRAME_COLUMNS: [(&str, FrameField); 18] = [
 ];
 
 fn export(view: &Report<'_>) -> String {
-    let axes = view.entries().flat_map(|entry| entry.cell.axes.keys().map(String::as_str)).unique();
-    let axes = axes.collect_vec();
+    let axes = axis_columns(view);
     let of_cell = CELL_COLUMNS.iter().map(|(name, _)| (*name).to_owned());
-    let of_axes = axes.iter().map(|name| format!("axis:{name}"));
+    let of_axes = axes.iter().map(AxisColumn::title);
     let of_stage =
         STAGE_COLUMNS.iter().map(|(name, _)| *name).chain(ERROR_COLUMNS.map(|(name, _)| name));
     let of_frame = FRAME_COLUMNS.iter().map(|(name, _)| *name).chain(["quantities"]);
@@ -114,26 +122,59 @@ fn export(view: &Report<'_>) -> String {
     String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
 }
 
-fn rows(entry: &RunCell<'_>, axes: &[&str], columns: usize) -> Vec<Vec<String>> {
+/// A column of an axis: all its values, or of one with both only the numbers or the words.
+struct AxisColumn<'a> {
+    name: &'a str,
+    only_words: Option<bool>,
+}
+
+fn axis_columns<'a>(view: &'a Report<'_>) -> Vec<AxisColumn<'a>> {
+    let axes = || view.entries().flat_map(|entry| &entry.cell.axes);
+    let columns = axes().map(|(name, _)| name.as_str()).unique().flat_map(|name| {
+        let mut kinds = axes().filter(|(of, _)| *of == name).map(|(_, value)| !value.is_number());
+        let both = !kinds.all_equal();
+        let kinds = if both { vec![Some(false), Some(true)] } else { vec![None] };
+        kinds.into_iter().map(move |only_words| AxisColumn { name, only_words })
+    });
+    columns.collect()
+}
+
+impl AxisColumn<'_> {
+    fn title(&self) -> String {
+        let words = if self.only_words == Some(true) { ":text" } else { "" };
+        format!("axis:{}{words}", self.name)
+    }
+
+    fn text(&self, cell: &Cell) -> String {
+        let value = cell.axes.get(self.name);
+        let is_here = |value: &&Value| self.only_words.is_none_or(|of| of != value.is_number());
+        value.filter(is_here).map_or_else(String::new, label_text)
+    }
+}
+
+fn rows(entry: &RunCell<'_>, axes: &[AxisColumn<'_>], columns: usize) -> Vec<Vec<String>> {
     let of_cell = CELL_COLUMNS.iter().map(|(_, field)| field(entry));
-    let values = axes.iter().map(|name| entry.cell.axes.get(*name));
-    let of_axes = values.map(|value| value.map_or_else(String::new, label_text));
+    let of_axes = axes.iter().map(|column| column.text(&entry.cell));
     let of_cell = of_cell.chain(of_axes).collect_vec();
     let Some(measured) = entry.cell.measured() else {
         let mut row = of_cell;
         row.resize(columns, String::new());
         return vec![row];
     };
-    let row = |(index, stage): (usize, &StageRecord)| {
+    let of_frame = FRAME_COLUMNS.iter().map(|(_, field)| field(measured)).collect_vec();
+    let empty = vec![String::new(); columns - of_cell.len() - 1 - of_frame.len() - 1];
+    let frame = vec!["frame".to_owned()];
+    let frame = [of_cell.clone(), frame, empty, of_frame, vec![quantities(measured)]].concat();
+    let row = |stage: &StageRecord| {
         let work = stage.work.fields().into_iter().map(|(_, count)| count.to_string()).collect();
-        let quantities = if index == 0 { quantities(measured) } else { String::new() };
         let of_stage = STAGE_COLUMNS.iter().map(|(_, field)| field(stage)).collect();
         let error = measured.errors.iter().find(|error| error.stage == stage.stage);
         let of_error = ERROR_COLUMNS.map(|(_, field)| error.map_or_else(String::new, field));
-        let of_frame = FRAME_COLUMNS.iter().map(|(_, field)| field(measured)).collect();
-        [of_cell.clone(), of_stage, of_error.into(), work, of_frame, vec![quantities]].concat()
+        let mut row = [of_cell.clone(), of_stage, of_error.into(), work].concat();
+        row.resize(columns, String::new());
+        row
     };
-    measured.stages.iter().enumerate().map(row).collect()
+    std::iter::once(frame).chain(measured.stages.iter().map(row)).collect()
 }
 
 fn run_field(entry: &RunCell<'_>, field: fn(&Run) -> String) -> String {
@@ -209,10 +250,12 @@ fn quantities(measured: &Measured) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
     use fathom_experiments::fixtures;
     use fathom_record::ThrottleReason::{GpuIdle, SwPowerCap};
-    use fathom_record::{Cell, MachineState, Record};
+    use fathom_record::{MachineState, Record};
 
     fn exported(records: &[Record]) -> String {
         export(&Report::new(records, None))
@@ -240,8 +283,9 @@ mod tests {
         let text = exported(&records);
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let head = reader.headers().unwrap().clone();
-        let mut rows = reader.records().map(Result::unwrap);
-        let row = rows.find(|row| row[0] == *cells[0] && row[1] == *cells[1]).unwrap();
+        let rows = reader.records().map(Result::unwrap);
+        let mut of_cell = rows.filter(|row| row[0] == *cells[0] && row[1] == *cells[1]);
+        let (frame, row) = (of_cell.next().unwrap(), of_cell.next().unwrap());
         for (name, expected) in [
             (&*format!("axis:{axis}"), &*value),
             ("p95_ns", "95.05"),
@@ -258,8 +302,77 @@ mod tests {
             ("throttle_reasons", "sw power cap"),
         ] {
             let place = head.iter().position(|column| column == name).expect(name);
-            assert_eq!(&row[place], expected, "{name}");
+            // What is of the frame stands in its row, and nowhere else.
+            let of_frame = FRAME_COLUMNS.iter().any(|(column, _)| *column == name);
+            let [here, other] = if of_frame { [&frame, &row] } else { [&row, &frame] };
+            assert_eq!(&here[place], expected, "{name}");
+            assert!(other[place].is_empty() || name.starts_with("axis:"), "{name}");
         }
+        assert_eq!(&frame[head.iter().position(|column| column == "stage").unwrap()], "frame");
+    }
+
+    type Row = BTreeMap<String, String>;
+
+    fn rows_of(text: &str) -> Vec<Row> {
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let head = reader.headers().unwrap().clone();
+        let named = |row: csv::StringRecord| {
+            head.iter().map(str::to_owned).zip(row.iter().map(str::to_owned)).collect()
+        };
+        reader.records().map(Result::unwrap).map(named).collect()
+    }
+
+    /// Rows of two runs, joined and grouped by run and cell: the times of stages and what lies in none of them, which stands once.
+    #[test]
+    fn stages_of_joined_runs_add_up_to_their_frames() {
+        let [mut here, mut there] = [fixtures::run(), fixtures::run()];
+        for record in &mut there {
+            if let Record::Run(run) = record {
+                (run.started_at, run.conditions.host) = ("later".into(), Some("elsewhere".into()));
+            }
+        }
+        let mixed = |place: usize| if place % 2 == 0 { Value::from(5) } else { "5x5".into() };
+        for (place, cell) in fixtures::cells(&mut there).enumerate() {
+            cell.axes.insert("mixed".to_owned(), mixed(place));
+        }
+        let joined = [rows_of(&exported(&here)), rows_of(&exported(&there))].concat();
+        let key = |row: &Row| {
+            ["commit", "started_at", "machine", "experiment", "cell"].map(|name| row[name].clone())
+        };
+        let groups = joined.iter().into_group_map_by(|row| key(row));
+        let number = |row: &Row, name: &str| row[name].parse::<f64>().ok();
+        let measured = fixtures::cells(&mut here).filter(|cell| cell.measured().is_some());
+        for cell in measured {
+            let (of, names) = (cell.measured().unwrap(), [&*cell.experiment, &*cell.cell]);
+            let exact: f64 =
+                of.stages.iter().filter(|s| s.is_resolved()).map(|s| s.time.median).sum();
+            let of_cell = groups.iter().filter(|(key, _)| [&*key[3], &*key[4]] == names);
+            let sums = of_cell.map(|(_, rows)| {
+                assert_eq!(rows.iter().filter(|row| row["stage"] == "frame").count(), 1);
+                let sum = |name| rows.iter().filter_map(|row| number(row, name)).sum::<f64>();
+                [sum("median_ns"), sum("frame_in_no_stage_ns")]
+            });
+            let gaps = if of.is_timed() { of.in_no_stage_ns() } else { 0.0 };
+            assert_eq!(sums.collect_vec(), [[exact, gaps]; 2], "{names:?}");
+        }
+        let values = |name: &str| {
+            let texts = joined.iter().filter_map(|row| row.get(name));
+            texts.filter(|text| !text.is_empty()).unique().cloned().collect_vec()
+        };
+        assert_eq!(values("axis:mixed"), ["5"]);
+        assert_eq!(values("axis:mixed:text"), ["5x5"]);
+    }
+
+    #[test]
+    fn every_column_is_documented() {
+        let documented = include_str!("../../docs/exporters.md");
+        let text = exported(&fixtures::run());
+        let head = csv::Reader::from_reader(text.as_bytes()).headers().unwrap().clone();
+        let is_listed = |name: &&str| name.starts_with("axis:") || Work::NAMES.contains(name);
+        let of_work = [Work::NAMES[0], Work::NAMES[Work::NAMES.len() - 1]];
+        let names = head.iter().filter(|name| !is_listed(name)).chain(of_work);
+        let missing = names.filter(|name| !documented.contains(&format!("`{name}`")));
+        assert_eq!(missing.collect_vec(), [""; 0]);
     }
 
     #[test]

@@ -74,9 +74,13 @@ fn parse(bytes: &[u8]) -> Result<(Root, Option<&[u8]>), String> {
     check_size(text)?;
     let root = deserialize::from_slice(text).map_err(|error| {
         let json: Value = deserialize::from_slice(text).unwrap_or_default();
-        match json["asset"]["version"].as_str() {
-            Some(version) if !version.starts_with("2.") => other_version(version),
-            _ => fault(error),
+        let told = &json["asset"]["version"];
+        match told.as_str().map_or_else(|| told.to_string(), str::to_owned) {
+            version if version.starts_with("2.") => fault(error),
+            // Version 1.0 need not say so: its meshes have names for keys.
+            version if version == "null" && json["meshes"].is_object() => other_version("1.0"),
+            version if version == "null" => fault(error),
+            version => other_version(&version),
         }
     });
     root.map(|root| (root, chunk))

@@ -136,8 +136,10 @@ fn fault(origin: &str, text: &str, error: &toml::de::Error) -> SceneError {
         .span()
         .and_then(|span| text.get(..span.start))
         .map(|before| format!("line {}: ", before.matches('\n').count() + 1));
-    let message = named(error.message());
-    let message = format!("{}{message}", line.unwrap_or_default());
+    let key =
+        error.span().and_then(|span| text.get(span)).filter(|_| error.message() == "duplicate key");
+    let key = key.map_or_else(String::new, |key| format!(" `{key}`"));
+    let message = format!("{}{}{key}", line.unwrap_or_default(), named(error.message()));
     SceneError::Parse { origin: origin.to_owned(), message }
 }
 

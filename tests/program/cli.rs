@@ -44,6 +44,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run uw-waves --axis watr=circular", "did you mean `water`"),
         ("run uw-default --adapter none-such", "no adapter matches"),
         ("audit --without float32", "there are timestamp-query, timestamp-query-inside-encoders, "),
+        ("dump ao/march", "; with --pipeline it is run by volume_ao"),
         ("dump caustics/trce --set caustics.grid=8", "did you mean `caustics/trace`"),
         ("render slab --set light.direction=[0,0,0] --pipeline volume_ao", "has no direction"),
         (

@@ -121,7 +121,7 @@ fn reports_show_hostile_names_as_text() {
     plain("cells.csv", &csv.replace("\r\n", "\n"));
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
     let head = reader.headers().unwrap();
-    let columns = 52 + head.iter().filter(|name| name.starts_with("axis:")).count();
+    let columns = 56 + head.iter().filter(|name| name.starts_with("axis:")).count();
     let mut rows = 0;
     for row in reader.records() {
         let row = row.unwrap();
@@ -132,7 +132,7 @@ fn reports_show_hostile_names_as_text() {
             assert!(!formula || field.parse::<f64>().is_ok(), "{field}");
         }
     }
-    assert_eq!(rows, 4 * HOSTILE.len());
+    assert_eq!(rows, 5 * HOSTILE.len());
 }
 
 #[test]

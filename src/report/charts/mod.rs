@@ -248,6 +248,7 @@ fn subtitle(section: &Section<'_>, common: &str) -> Vec<String> {
         format!("{} ({kind}) · profile {}", run.adapter.title(), run.profile)
     });
     let source = section.experiment.as_ref().map(|experiment| experiment.source.clone());
+    let source = source.filter(|source| !source.is_empty());
     let first = adapter.into_iter().chain(source).join(" · ");
     let common = (!common.is_empty()).then(|| format!("All cells: {common}"));
     let lines = std::iter::once(first).chain(common);

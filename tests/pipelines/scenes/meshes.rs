@@ -161,6 +161,7 @@ fn gltf_faults_are_told() {
         (r#"560}|561}"#, "buffer 0 has 560 bytes and claims 561"),
         (r#"560}|560,"uri":"a.bin"}"#, "buffer 0 is `a.bin`: "),
         (r#""2.0"|"1.0"|"nodes":[{"mesh":0}]|"nodes":{"a":{}}"#, "it is glTF 1.0: only version 2"),
+        (r#""version":"2.0"|"v":1|"meshes":[|"meshes":{"a":{}},"m":["#, "it is glTF 1.0: only"),
         (r#"560}|560,"uri":"data:;base64,?"}"#, "buffer 0 is no base64"),
         (
             r#"{"asset"|{"extensionsRequired":["KHR_draco_mesh_compression"],"asset""#,
