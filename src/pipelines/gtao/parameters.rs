@@ -40,7 +40,7 @@ settings! {
         /// The same as a share of the scene's longest side.
         r_max_share: f64 = R_MAX_SHARE => 1e-3 ..= 4.0, "1";
         /// How far what is seen reaches along the view, share of r_max; bitmasks only. Therrien et al. leave it to the user. Of 0.25, 0.5, 1 and 2 it
-        /// errs least or hardly more in five of the six scenes of `today-ao`; foliage asks for 0.25.
+        /// errs least, or by at most a third more, in five of the six scenes of `today-ao`; foliage asks for 0.25.
         thickness_share: f64 = 0.5 => 0.0 ..= 100.0, "1";
         /// Share by which a lower sample pulls the horizon down, so that thin occluders hide less; horizons only. GTAO §4.3 gives none; 0, as in
         /// XeGTAO: horizons do not fall.
