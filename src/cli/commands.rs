@@ -155,7 +155,7 @@ pub fn request(args: RunArgs) -> Request {
 
 /// What each size of a sweep costs; nothing where there is no sweep.
 fn print_sizes(view: &Report<'_>) {
-    let parts = report::sizes::parts(view);
+    let parts = report::sizes::parts(view, &|_, _| None);
     if !parts.is_empty() {
         print::answer(report::document::terminal(&parts));
     }

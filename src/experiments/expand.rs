@@ -48,7 +48,7 @@ pub struct RepetitionPlan {
     pub repeated: Vec<Vec<(String, Value)>>,
 }
 
-/// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide.
+/// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide. `64..512*2` and `0..8+2` stand for the values of a range.
 pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> {
     let error = || unassigned(text, "NAME=VALUE,VALUE,…");
     let (name, list) = on_one_line(text).ok_or_else(error)?;
@@ -69,7 +69,32 @@ pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> 
     if name.trim().is_empty() || values.iter().any(String::is_empty) {
         return Err(error());
     }
-    Ok((name.trim().to_owned(), values))
+    let values: Result<Vec<_>, _> = values.into_iter().map(expand_range).collect();
+    Ok((name.trim().to_owned(), values?.concat()))
+}
+
+/// The values from the first to the last of `64..512*2` or `0..8+2`; any other text alone.
+fn expand_range(text: String) -> Result<Vec<String>, ExperimentError> {
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    let Some((low, rest)) = text.split_once("..") else { return Ok(vec![text]) };
+    let Some(low) = number(low) else { return Ok(vec![text]) };
+    let range = rest.find(['*', '+']).and_then(|at| {
+        let (high, step) = (number(&rest[..at])?, number(&rest[at + 1..])?);
+        let is_factor = rest.as_bytes()[at] == b'*';
+        let grows = if is_factor { low > 0.0 && step > 1.0 } else { step > 0.0 };
+        (grows && high >= low).then_some((high, step, is_factor))
+    });
+    let Some((high, step, is_factor)) = range else {
+        let form = "LOW..HIGH*FACTOR or LOW..HIGH+STEP, as in 64..512*2";
+        return Err(ExperimentError(format!("`{text}` is not of the form {form}")));
+    };
+    let value = |n: i32| {
+        if is_factor { low * step.powi(n) } else { low + step * f64::from(n) }
+    };
+    // To twelve digits, so that 0.1 + 0.2 is 0.3.
+    let rounded = |value: f64| format!("{value:.11e}").parse::<f64>().unwrap_or(value);
+    let values = (0..=MAX_CELLS as i32).map(|n| rounded(value(n)));
+    Ok(values.take_while(|value| *value <= high).map(|value| value.to_string()).collect())
 }
 
 /// `path=value` as a dotted path and a value: JSON where it is JSON, else a string.

@@ -481,6 +481,10 @@ pub fn fps(frame_ns: &Estimate) -> Estimate {
 fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Array(items) => items.iter().map(number).product(),
+        // The label of a pair, such as `640x480`.
+        Value::String(pair) => {
+            pair.split('x').map(|side| Some(f64::from(side.parse::<u32>().ok()?))).product()
+        }
         other => other.as_f64(),
     }
 }

@@ -18,6 +18,7 @@ use super::repetitions;
 use super::reports::RunOutput;
 use super::sample::{self, CostForecast, Executor, Failure};
 use super::schedule::{CellState, Schedule};
+use super::sweep::SOURCE;
 use super::{MAX_PASSES, host, picture, views};
 use fathom_base::folder::Dir;
 use fathom_base::{print, quiet};
@@ -30,7 +31,7 @@ use fathom_gpu::{
     Pacer, Stage, Waker,
 };
 use fathom_pipelines as pipelines;
-use fathom_pipelines::{AnyPipeline, CountedReads, Judge, Judging, ReferenceCache};
+use fathom_pipelines::{AnyPipeline, CountedReads, Judge, JudgeError, Judging, ReferenceCache};
 use fathom_record::output::picture_path;
 use fathom_record::{
     Begun, Ceiling, Cell, MachineState, Measured, NoteKind, Outcome, Picture, PictureKind,
@@ -321,12 +322,17 @@ impl<'a> CellExecutor<'a> {
             return Vec::new();
         }
         let CellPlan { experiment, cell, .. } = &self.cells[cell].plan;
+        let is_sweep = self.experiment.source == SOURCE;
         let write = |shows: PictureKind, draw: Judging<(RgbImage, Option<PictureScale>)>| {
             let path = picture_path(experiment, cell, shows);
             let folder = self.output.folder.output.folder.clone();
             let write: WritePicture = Box::new(move |judge, findings| {
-                let drawn = draw(judge).map_err(anyhow::Error::from);
-                let saved = drawn.and_then(|(drawn, scale)| {
+                let drawn = draw(judge);
+                // A sweep asks for it, whatever its pipeline has.
+                if is_sweep && matches!(drawn, Err(JudgeError::NoPicture(_))) {
+                    return;
+                }
+                let saved = drawn.map_err(anyhow::Error::from).and_then(|(drawn, scale)| {
                     let opened = Dir::open(&folder);
                     let folder = opened.map_err(|source| picture::write_error(&folder, source))?;
                     picture::write(&drawn, &folder, Path::new(&path))?;

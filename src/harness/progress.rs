@@ -8,6 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use fathom_base::print;
 use fathom_base::text;
+use fathom_base::visits::MIN_VISITS;
 use fathom_experiments::CellPlan;
 use fathom_record::{Cell, Outcome};
 
@@ -27,6 +28,8 @@ pub struct Progress {
     pub finished: BTreeSet<(String, String)>,
     /// Of each experiment, by its number: claims that are settled, of all.
     claims: BTreeMap<usize, (usize, usize)>,
+    /// The fewest and the most visits to a timed cell.
+    pub visits: Option<(usize, usize)>,
     last_printed: Instant,
 }
 
@@ -40,7 +43,16 @@ impl Progress {
             .unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::with_draw_target(Some(STEPS), target).with_style(style);
         let (finished, claims) = (BTreeSet::new(), BTreeMap::new());
-        Self { bar, start, budget_s, cells, finished, claims, last_printed: Instant::now() }
+        Self {
+            bar,
+            start,
+            budget_s,
+            cells,
+            finished,
+            claims,
+            visits: None,
+            last_printed: Instant::now(),
+        }
     }
 
     /// A cell's pipeline is about to be built.
@@ -82,10 +94,14 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 
-    /// `1:24 of 4:00, 120 of 337 cells, 31 of 91 claims settled so far`
+    /// `1:24 of 4:00, 120 of 337 cells with 1 to 3 visits each (an interval takes 4), 31 of 91 claims settled so far`
     fn line(&self) -> String {
         let (used, budget) = (clock(self.start.elapsed().as_secs_f64()), clock(self.budget_s));
-        let cells = format!("{} of {} cells", self.finished.len(), self.cells);
+        let mut cells = format!("{} of {} cells", self.finished.len(), self.cells);
+        if let Some((min, max)) = self.visits {
+            let range = if min == max { min.to_string() } else { format!("{min} to {max}") };
+            cells += &format!(" with {range} visits each (an interval takes {MIN_VISITS})");
+        }
         let sum = |of: fn(&(usize, usize)) -> usize| self.claims.values().map(of).sum::<usize>();
         match (sum(|claims| claims.0), sum(|claims| claims.1)) {
             (_, 0) => format!("{used} of {budget}, {cells}"),
@@ -120,6 +136,9 @@ mod tests {
         progress.set_settled(4, 0, 3);
         progress.set_settled(0, 2, 2);
         assert_eq!(progress.line(), "0:00 of 4:00, 2 of 3 cells, 2 of 5 claims settled so far");
+        progress.visits = Some((1, 3));
+        let visits = "2 of 3 cells with 1 to 3 visits each (an interval takes 4), 2 of 5 claims";
+        assert!(progress.line().contains(visits), "{}", progress.line());
         assert_eq!(clock(3_725.0), "62:05");
     }
 }

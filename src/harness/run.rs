@@ -19,7 +19,7 @@ use super::schedule::{Batch, CellCosts, CellState, ClaimUnit, MAX_VISITS, Next, 
 use super::sweep::SOURCE;
 use super::{ceilings, memory};
 use fathom_base::folder::Dir;
-use fathom_base::visits::{MIN_SPAN_S, VISIT_S};
+use fathom_base::visits::{MIN_SPAN_S, MIN_VISITS, VISIT_S};
 use fathom_base::{print, private, quiet};
 use fathom_clock::Samples;
 use fathom_experiments::{CellPlan, Experiment};
@@ -41,6 +41,8 @@ pub const GPU_GROUP_BYTES: u64 = 2 << 30;
 
 /// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
 const MIN_BUDGET_OF_CEILINGS_S: f64 = 60.0;
+/// Of a budget that is proposed: what was foreseen varies.
+const BUDGET_RESERVE: f64 = 1.2;
 /// Between two looks whether a run that waits was interrupted, seconds.
 const WAIT_S: f64 = 0.1;
 /// What a default budget has for set-up beside the time of its cells.
@@ -178,9 +180,11 @@ pub fn run(
         progress,
         schedule,
         interrupted,
+        is_budget_told: false,
     };
     measurement.begin()?;
     measurement.output.finish_all(crashed)?;
+    measurement.is_budget_told = options.budget_s.is_none();
     measurement.measure()?;
     measurement.end()
 }
@@ -293,7 +297,7 @@ fn check_same_request(
     // Where a path begins depends on where the command ran, and its last part does not.
     let named = |of: &Experiment| {
         let scene = Path::new(&of.scene).file_name().unwrap_or_default().display().to_string();
-        Experiment { scene, text: String::new(), ..of.clone() }
+        Experiment { scene, text: String::new(), about: String::new(), ..of.clone() }
     };
     let is_same = |old: &Definition| {
         let parsed = Experiment::parse(&old.id, &old.toml).map(|old| named(&old)).ok();
@@ -420,9 +424,27 @@ struct Measurement<'a> {
     /// Number of the next round of samples.
     round: u32,
     interrupted: &'a AtomicBool,
+    /// Whether the budget suffices was said, or needs not be.
+    is_budget_told: bool,
 }
 
 impl Measurement<'_> {
+    /// Says once that a budget that was asked for does not give every cell an interval: before the first cell, as soon as the
+    /// foreseen steps alone take longer.
+    fn check_budget(&mut self) {
+        let (used_s, budget_s) = (self.output.now_s(), self.output.reports.budget_s);
+        let needed_s = used_s + self.schedule.needed_s();
+        if self.is_budget_told || needed_s <= budget_s {
+            return;
+        }
+        self.is_budget_told = true;
+        let minutes = (BUDGET_RESERVE * needed_s / 60.0).ceil();
+        print::note(format!(
+            "a budget of {budget_s:.0} s does not give every cell the {MIN_VISITS} visits of an interval, which take about {needed_s:.0} s: \
+             --budget {minutes:.0}m would"
+        ));
+    }
+
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
     fn begin(&mut self) -> Result<()> {
         let header = Record::Run(Box::new(self.output.header.clone()));
@@ -449,6 +471,7 @@ impl Measurement<'_> {
             self.skip(planned)?;
         }
         (0..planned.len()).for_each(|experiment| self.look(experiment));
+        self.check_budget();
         let mut outcome = Outcome::OverBudget;
         while !self.interrupted.load(Ordering::Relaxed) {
             self.collect(Duration::ZERO)?;
@@ -469,6 +492,8 @@ impl Measurement<'_> {
             let before = (self.round, self.output.records.len());
             self.sample(&batch, deadline_s)?;
             self.look(batch.experiment);
+            self.output.progress.visits = self.schedule.visits();
+            self.check_budget();
             if let Some(lost) = self.session.gpu.loss_reason()
                 && let Err(why) = self.session.reopen()
             {

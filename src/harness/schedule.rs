@@ -17,6 +17,8 @@
 
 use std::cmp::Ordering;
 
+use itertools::Itertools as _;
+
 use super::sample::CostForecast;
 use fathom_base::visits::{MIN_VISITS, VISIT_S};
 
@@ -152,6 +154,25 @@ impl Schedule {
 
     pub fn all(&self) -> impl Iterator<Item = &CellState> {
         self.cells.iter().flatten()
+    }
+
+    /// The fewest and the most visits to a timed cell that was begun.
+    pub fn visits(&self) -> Option<(usize, usize)> {
+        let timed = self.all().filter(|cell| !cell.untimed && !cell.is_excluded && cell.visits > 0);
+        timed.map(|cell| cell.visits).minmax().into_option()
+    }
+
+    /// Foreseen until every cell has the visits that an interval takes, seconds.
+    pub fn needed_s(&self) -> f64 {
+        let min_visits = MIN_VISITS.min(self.max_visits);
+        let needed = (0..self.units.len()).map(|unit| {
+            let lacking = min_visits.saturating_sub(self.fewest_visits(unit));
+            let new_s = self.cost_s(&self.batch(unit, 0));
+            let is_new = usize::from(new_s > 0.0).min(lacking);
+            (new_s + self.later_s(unit, lacking - is_new), self.apart_s(unit, lacking))
+        });
+        let (all_s, apart_s) = needed.fold((0.0, 0.0_f64), |a, b| (a.0 + b.0, a.1.max(b.1)));
+        all_s.max(apart_s)
     }
 
     /// What a page shows first.

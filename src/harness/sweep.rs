@@ -38,6 +38,26 @@ pub struct SweepRequest {
     pub command: String,
 }
 
+/// A parameter and its values, or a table of two parameters and pairs.
+struct SweptAxis {
+    path: String,
+    /// The table's parameters; empty where `path` is one.
+    paths: Vec<String>,
+    values: Vec<Value>,
+}
+
+impl SweptAxis {
+    /// What a value sets.
+    fn sets(&self, value: &Value) -> Vec<(String, Value)> {
+        match value {
+            Value::Array(sides) if !self.paths.is_empty() => {
+                self.paths.iter().cloned().zip(sides.iter().cloned()).collect()
+            }
+            _ => vec![(self.path.clone(), value.clone())],
+        }
+    }
+}
+
 impl SweepRequest {
     /// The experiment that it stands for. Each value of each axis is checked; nothing is measured.
     ///
@@ -48,14 +68,14 @@ impl SweepRequest {
         let mut subjects = Subjects::new(catalog).silent();
         let base = subjects.params(kind, &self.scene, &self.sets)?;
         self.check_axes(&base)?;
-        for (path, values) in self.parsed_axes()? {
-            for value in values {
-                let set = self.sets.iter().cloned().chain(once((path.clone(), value)));
+        for axis in self.parsed_axes(&base)? {
+            for value in &axis.values {
+                let set = self.sets.iter().cloned().chain(axis.sets(value));
                 subjects.params(kind, &self.scene, &set.collect_vec())?;
             }
         }
         let subject = subjects.subject(&self.pipeline, &self.scene, &self.sets)?;
-        let text = self.toml(&subject)?;
+        let text = self.toml(&subject, &self.parsed_axes(&base)?)?;
         Ok(Experiment::parse("sweep", &text)?)
     }
 
@@ -90,22 +110,39 @@ impl SweepRequest {
         Ok(())
     }
 
-    fn parsed_axes(&self) -> Result<Vec<(String, Vec<Value>)>> {
-        let axis = |(path, values): &(String, Vec<String>)| {
-            let value = |text| Ok(parse_set(&format!("{path}={text}"))?.1);
-            Ok((path.clone(), values.iter().map(value).collect::<Result<_>>()?))
+    fn parsed_axes(&self, params: &Value) -> Result<Vec<SweptAxis>> {
+        let axis = |(path, texts): &(String, Vec<String>)| {
+            let table = parameter::get(params, path).filter(|value| value.is_object());
+            let sides = table.map_or_else(Vec::new, parameter::leaves).into_iter();
+            let paths = sides.map(|side| format!("{path}.{side}")).collect_vec();
+            let is_pair =
+                !paths.is_empty() || parameter::get(params, path).is_some_and(Value::is_array);
+            let value = |text: &String| {
+                let numbers = || text.split('x').map(|side| Some(json!(side.parse::<u32>().ok()?)));
+                match numbers().collect::<Option<Vec<Value>>>().filter(|_| is_pair) {
+                    Some(pair) if pair.len() == 2 => Ok(pair.into()),
+                    _ if paths.is_empty() => Ok(parse_set(&format!("{path}={text}"))?.1),
+                    _ => bail!(
+                        "`{path}` is {}: give pairs, as in 1280x720, not {text}",
+                        paths.join(" and ")
+                    ),
+                }
+            };
+            let values = texts.iter().map(value).collect::<Result<_>>()?;
+            Ok(SweptAxis { path: path.clone(), paths, values })
         };
         self.axes.iter().map(axis).collect()
     }
 
-    fn toml(&self, subject: &Subject) -> Result<String> {
-        let axes = self.parsed_axes()?;
-        let paths = axes.iter().map(|(path, _)| path.as_str()).collect_vec();
+    fn toml(&self, subject: &Subject, axes: &[SweptAxis]) -> Result<String> {
+        let paths = axes.iter().map(|axis| axis.path.as_str()).collect_vec();
         let (first, over) = (paths[0], paths.join(" and "));
         let mut params: Map<String, Value> = self.sets.iter().cloned().collect();
         params.extend(self.camera(subject)?);
         let is_free = |path: &str| {
-            let is_chosen = params.contains_key(path) || paths.contains(&path);
+            let is_swept =
+                |axis: &SweptAxis| axis.path == path || axis.paths.iter().any(|of| of == path);
+            let is_chosen = params.contains_key(path) || axes.iter().any(is_swept);
             !is_chosen && parameter::get(&subject.params, path).is_some()
         };
         let quick = QUICK_VIEW.into_iter().filter(|(path, _)| is_free(path));
@@ -113,7 +150,7 @@ impl SweepRequest {
             quick.map(|(path, px)| (path.to_owned(), px.into())).collect();
         let stages = subject.plan()?.stages;
         let stages = stages.iter().map(|stage| format!("stage:{}", stage.name)).unique();
-        let is_category = axes[0].1.iter().any(|v| v.is_string() || v.is_boolean());
+        let is_category = axes[0].values.iter().any(|v| v.is_string() || v.is_boolean());
         let times = if is_category {
             json!({ "title": format!("Frame time by {first}"), "kind": "bars", "over": first, "y": ["frame"] })
         } else {
@@ -125,15 +162,17 @@ impl SweepRequest {
         if let [first, second] = paths[..] {
             plots.push(json!({ "title": "Frame time", "kind": "map", "columns": first, "rows": second, "y": ["frame"] }));
         }
-        let of_axis =
-            |(path, values): &(String, Vec<Value>)| json!({ "name": path, "values": values });
+        let of_axis = |SweptAxis { path, paths, values }: &SweptAxis| json!({ "name": path, "sets": paths, "values": values });
         let experiment = json!({
             "id": format!("sweep-{}", self.pipeline.replace('_', "-")),
             "title": format!("{} over {over}", self.pipeline),
             "source": SOURCE,
+            "about": subject.scene.description,
             "pipeline": self.pipeline,
             "scene": self.scene,
             "knee_share": self.knee_share,
+            "pictures": "all",
+            "error_picture": true,
             "params": params,
             "profile": { "quick": { "params": quick } },
             "sweep": [{ "axis": axes.iter().map(of_axis).collect_vec() }],

@@ -26,6 +26,9 @@ impl ScaleKind {
 /// Smallest height of a scale that does not begin at 0, as a share of its values.
 const MIN_SPREAD: f64 = 0.05;
 
+/// Between ticks at measured values, as a share of the axis.
+const MIN_TICK_GAP: f64 = 0.08;
+
 /// Data are mapped to an axis' own coordinate: the value, or its decimal logarithm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scale {
@@ -82,6 +85,17 @@ impl Scale {
         let min_span = MIN_SPREAD * low.abs().max(high.abs());
         let missing = (min_span - (high - low)).max(0.0) / 2.0;
         Some(Scale::linear(low - missing, high + missing))
+    }
+
+    /// Ticks at these values, where they are few whole numbers with room between them.
+    pub fn with_sizes(self, values: impl IntoIterator<Item = f64>) -> Scale {
+        let sizes = values.into_iter().sorted_by(f64::total_cmp).dedup().collect_vec();
+        let at = sizes.iter().filter_map(|size| self.coord(*size)).collect_vec();
+        let has_room =
+            |pair: (&f64, &f64)| self.share(*pair.1) - self.share(*pair.0) > MIN_TICK_GAP;
+        let is_whole = sizes.iter().all(|size| size.fract() == 0.0);
+        let are_ticks = is_whole && at.len() > 1 && at.iter().tuple_windows().all(has_room);
+        if are_ticks { Scale { ticks: at, ..self } } else { self }
     }
 
     /// A linear scale with names at some places.
@@ -192,6 +206,19 @@ mod tests {
             let scale = fit(kind, &values).unwrap();
             let labels = scale.ticks.iter().map(|tick| scale.tick_label(*tick));
             assert!(labels.eq(expected.iter().copied()), "{:?}", scale.ticks);
+        }
+    }
+
+    #[test]
+    fn few_sizes_are_the_ticks() {
+        for (values, expected) in [
+            (&[64.0, 128.0, 256.0, 128.0][..], &["64", "128", "256"][..]),
+            (&[4.5, 128.0], &["10", "30", "100"]),
+            (&[100.0, 101.0, 1000.0], &["100", "300", "1000"]),
+        ] {
+            let scale = fit(ScaleKind::Log, values).unwrap().with_sizes(values.iter().copied());
+            let labels = scale.ticks.iter().map(|tick| scale.tick_label(*tick)).collect_vec();
+            assert_eq!(labels, expected);
         }
     }
 

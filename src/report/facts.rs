@@ -275,7 +275,16 @@ pub fn exponent(fit: &Scaling) -> String {
     }
 }
 
-/// The exponents of all scaling plots, in the order of the plan. Plots over categories have none.
+/// The exponent over all sizes of a sweep, with the fixed part of the shortest time where that is much of it.
+pub fn grown_exponent(fit: &Scaling, min_time: f64) -> String {
+    let fixed_ms = format::three(fit.fixed / format::NS_PER_MS);
+    let fixed =
+        (fit.fixed > FIXED_SHARE * min_time).then(|| format!(", {fixed_ms} ms of it fixed"));
+    exponent(fit) + &fixed.unwrap_or_default()
+}
+
+/// The exponents of all scaling plots, in the order of the plan. Plots over categories have none, and [`sizes`](super::sizes) has those
+/// of sweeps.
 pub fn exponents<'v, 'a>(view: &'v Report<'a>) -> Vec<Exponent<'v, 'a>> {
     view.sections.iter().flat_map(fit_section).collect()
 }
@@ -284,6 +293,7 @@ fn fit_section<'v, 'a>(section: &'v Section<'a>) -> Vec<Exponent<'v, 'a>> {
     let Some(experiment) = &section.experiment else { return Vec::new() };
     let is_fitted = |plot: &&Plot| {
         plot.kind == PlotKind::Scaling
+            && experiment.knee_share.is_none()
             && plot.over.as_ref().is_none_or(|over| !experiment.is_category(over))
     };
     experiment.plot.iter().filter(is_fitted).flat_map(|plot| fit_plot(section, plot)).collect()

@@ -1,36 +1,52 @@
 //! A sweep over sizes: the time of each stage at each value, with the error of its result; how it grows; and where it becomes costly.
-//! For experiments that set `knee_share`. The terminal and the page write these parts.
+//! For experiments that set `knee_share`. The terminal, the summary and the page write these parts.
 
 use itertools::Itertools;
+use maud::Markup;
 
-use super::charts::names;
-use super::document::{Block, ColumnKind, Field, Line, Table};
-use super::facts::exponent;
+use super::charts::{self, names};
+use super::document::{Block, ColumnKind, Field, Line, Span, Table};
+use super::facts::grown_exponent;
 use super::format::{self, percent, si, three};
 use super::{Report, Section};
-use fathom_experiments::schema::FIXED_SHARE;
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, Measure, Quantity, groups, label_text, scaling};
 use fathom_judge::knees::{Knee, KneeBracket, ShareAt, change_of_exponent, crossing};
-use fathom_record::{Cell, ErrorFigure, Measured, Outcome, StageRecord};
+use fathom_record::{Cell, ErrorFigure, Measured, Outcome, PictureKind, StageRecord};
 
-/// Stages that stay below this share of the frame at every size stand in one row.
-const SMALL_SHARE: f64 = 0.02;
+/// Stages that stay below this share of the frame at every size stand in one row, and in no plot.
+pub const SMALL_SHARE: f64 = 0.05;
+/// Sizes that an exponent takes.
+const MIN_SIZES: usize = 3;
 
-/// What each sweep of a run says; empty where it has none.
-pub fn parts(view: &Report<'_>) -> Vec<Block> {
+/// A cell's picture of this kind as a page shows it.
+pub type DrawPicture<'d> = &'d dyn Fn(&Cell, PictureKind) -> Option<Markup>;
+
+/// What each sweep of a run says; empty where it has none. Pictures are of a page alone.
+pub fn parts(view: &Report<'_>, picture: DrawPicture<'_>) -> Vec<Block> {
     let mut parts = Vec::new();
     for section in &view.sections {
         let Some(experiment) = &section.experiment else { continue };
         let Some(share) = experiment.knee_share else { continue };
+        let first = parts.len();
         for (place, axis) in experiment.axis_names().into_iter().enumerate() {
             for (group, cells) in groups(&section.cells(), axis) {
                 let sizes = Sizes { section, experiment, axis, group, share, cells };
                 if sizes.columns().next().is_some() {
-                    parts.extend((place == 0).then(|| sizes.times()).into_iter().flatten());
-                    parts.extend(sizes.growth());
+                    parts.extend((place == 0).then(|| sizes.times(picture)).into_iter().flatten());
+                    let is_grown = place == 0 || sizes.columns().count() >= MIN_SIZES;
+                    parts.extend(is_grown.then(|| sizes.growth()).into_iter().flatten());
                 }
             }
+        }
+        if parts.len() > first {
+            let about = experiment.about.trim_end_matches('.');
+            let common = charts::common(section);
+            let words = [section.title(), about, &common].into_iter();
+            let lead = words.filter(|part| !part.is_empty()).join(" · ");
+            let chart = section.figure().svg.iter().map(|svg| Block::Chart(svg.clone()));
+            let lead = std::iter::once(Block::paragraph(lead)).chain(chart);
+            parts.splice(first..first, lead);
         }
     }
     parts
@@ -66,14 +82,11 @@ impl<'v> Sizes<'v> {
     }
 
     fn is_small(&self, stage: &str) -> bool {
-        let mut own = self
-            .columns()
-            .filter_map(|(_, of_cell)| Some(shares(of_cell, find_stage(of_cell, stage)?)));
-        own.all(|[_, max]| max.median() < SMALL_SHARE)
+        self.columns().all(|(_, measured)| is_small(measured, stage))
     }
 
-    /// Stages by sizes, each with its interval, and below a stage the errors of its result.
-    fn times(&self) -> Vec<Block> {
+    /// Stages by sizes, each with its interval, below a stage the errors of its result, and what the frame takes and shows.
+    fn times(&self, picture: DrawPicture<'_>) -> Vec<Block> {
         let values =
             self.columns().map(|(cell, _)| label_text(&cell.axes[self.axis])).collect_vec();
         let titles = std::iter::once("Stage (ms)".to_owned()).chain(values.iter().cloned());
@@ -95,12 +108,25 @@ impl<'v> Sizes<'v> {
             rows.extend(small.iter().flat_map(|stage| self.errors(stage)));
         }
         rows.push(self.row("whole frame", |measured| Some(format::ms(&measured.frame.untimed))));
+        let mebibytes = |measured: &Measured| three(measured.allocated_bytes as f64 / MIB);
+        rows.push(self.row("GPU memory (MiB)", |measured| Some(mebibytes(measured))));
         let numbers = values.iter().map(String::as_str).collect_vec();
         let table = Table::new("Stage times", titles).with(ColumnKind::Numbers, &numbers);
+        let pictures = [("picture", PictureKind::Image), ("its error", PictureKind::Error)];
+        let pictures = pictures.map(|(name, kind)| {
+            let drawn = self.columns().map(|(cell, _)| picture(cell, kind)).collect_vec();
+            let field =
+                |one: Option<Markup>| one.map_or_else(Line::default, |one| Span::Drawn(one).into());
+            let is_there = drawn.iter().any(Option::is_some);
+            is_there.then(|| {
+                std::iter::once(name.into()).chain(drawn.into_iter().map(field)).collect_vec()
+            })
+        });
         let left =
             self.cells.iter().filter_map(|cell| Some(format!("{}: {}", cell.cell, why(cell)?)));
         let left = left.map(Block::paragraph).collect_vec();
-        [self.title("times"), Block::Table(table.with_rows(rows))].into_iter().chain(left).collect()
+        let table = table.with_rows(rows).with_rows(pictures.into_iter().flatten());
+        [self.title("times"), Block::Table(table)].into_iter().chain(left).collect()
     }
 
     fn row(&self, name: &str, figure: impl Fn(&Measured) -> Option<String>) -> Vec<String> {
@@ -116,7 +142,7 @@ impl<'v> Sizes<'v> {
             let label = words::figure(name);
             let value = |error: &ErrorFigure| three(error.value * label.unit.factor());
             let named = |error: &&ErrorFigure| error.name == name;
-            self.row(&format!("  {}", label.text()), |measured| {
+            self.row(&format!("↳ {}", label.text()), |measured| {
                 measured.errors.iter().find(named).map(value)
             })
         };
@@ -175,11 +201,7 @@ impl<'v> Sizes<'v> {
         let min_time = points.iter().map(|(_, y)| y.median()).fold(f64::INFINITY, f64::min);
         // Over all sizes: claims leave those out of which the fixed part is much.
         let fitted = match x.and_then(|x| scaling(y, &x, &self.cells, f64::INFINITY)) {
-            Ok(fit) if fit.fixed > FIXED_SHARE * min_time => {
-                let fixed_ms = three(fit.fixed / format::NS_PER_MS);
-                format!("{}, {fixed_ms} ms of it fixed", exponent(&fit))
-            }
-            Ok(fit) => exponent(&fit),
+            Ok(fit) => grown_exponent(&fit, min_time),
             Err(_) if below > 0 => {
                 format!("– below the clock's resolution at {below} of {sizes} sizes")
             }
@@ -204,6 +226,14 @@ impl<'v> Sizes<'v> {
 fn find_stage<'m>(measured: &'m Measured, stage: &str) -> Option<&'m StageRecord> {
     measured.stages.iter().find(|one| one.stage == stage)
 }
+
+/// A stage has less than [`SMALL_SHARE`] of this frame, or does not run in it.
+pub fn is_small(measured: &Measured, stage: &str) -> bool {
+    let stage = find_stage(measured, stage);
+    stage.is_none_or(|stage| shares(measured, stage)[1].median() < SMALL_SHARE)
+}
+
+const MIB: f64 = (1 << 20) as f64;
 
 /// A stage's share of the sum of all, frame by frame, at least and at most.
 fn shares(measured: &Measured, stage: &StageRecord) -> [Quantity; 2] {
@@ -255,7 +285,7 @@ mod tests {
                 of.toml = format!("knee_share = 0.1\n{}", of.toml);
             }
         }
-        let text = terminal(&parts(&Report::new(&records, None)));
+        let text = terminal(&parts(&Report::new(&records, None), &|_, _| None));
         let page = crate::PAGE.run(&Report::new(&records, None)).files().remove(0);
         let page = String::from_utf8(page.bytes).unwrap();
         for words in [
@@ -269,6 +299,6 @@ mod tests {
             assert!(text.contains(words) && page.contains(words), "{words}: {text}");
         }
         assert!(!text.contains("NaN"), "{text}");
-        assert!(parts(&crate::testing::view()).is_empty());
+        assert!(parts(&crate::testing::view(), &|_, _| None).is_empty());
     }
 }

@@ -5,7 +5,7 @@ use indexmap::IndexSet;
 
 use super::document::{self, Block, Line, Span};
 use super::page::{self, Page, PageRun, overview};
-use super::{CELLS_CSV, Exporter, Report, RunExporter, RunFormat, Section, Timing, facts};
+use super::{CELLS_CSV, Exporter, Report, RunExporter, RunFormat, Section, Timing, facts, sizes};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "markdown",
@@ -24,6 +24,9 @@ const MAX_CLAIMS: [usize; 2] = [36, 10];
 const MAX_STAGES: usize = 30;
 const MAX_EXPONENTS: usize = 18;
 const MAX_NOTES: usize = 5;
+/// Of a sweep: rows, and headings and tables.
+const MAX_SIZES: usize = 60;
+const MAX_BLOCKS: usize = 16;
 
 fn export(view: &Report<'_>) -> String {
     let Some(run) = view.run() else {
@@ -33,7 +36,9 @@ fn export(view: &Report<'_>) -> String {
         Line::from(Span::Link { words: words.to_owned(), to: to.to_owned() })
     };
     let place = link("page", page::FILE);
-    let mut parts = overview::caveats(view);
+    let mut parts = shortened(sizes::parts(view, &|_, _| None), &[MAX_SIZES], &place);
+    parts.truncate(MAX_BLOCKS);
+    parts.extend(overview::caveats(view));
     // Of exponents there is a table, and of limits the page has one.
     for card in overview::cards(view).into_iter().take(3).filter(|card| !card.parts.is_empty()) {
         parts.push(Block::paragraph(Span::Bold(card.question.to_owned())));

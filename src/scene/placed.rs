@@ -61,6 +61,7 @@ impl SceneFile {
     pub(super) fn of_mesh(path: &Path) -> Result<SceneFile, SceneError> {
         let mesh = Mesh::read(path).map_err(SceneError::Mesh)?;
         let mut scene = SceneFile::parse("", SCENE)?;
+        let factor = EXTENT_M / mesh.bounds().size().max_element();
         let transform = Transform { fit_m: EXTENT_M, ..Transform::default() };
         let matrix = transform.matrix(&mesh.bounds(), scene.floor_depth_m);
         let bounds = mesh.transformed(&matrix).bounds();
@@ -69,6 +70,8 @@ impl SceneFile {
         scene.objects[0].params = sides.map(|(name, side)| (name.to_owned(), side.into())).into();
         (scene.objects[1].file, scene.objects[1].transform) = (Some(path.to_owned()), transform);
         scene.camera = Camera::around(&bounds, VIEW_DEG);
+        scene.description =
+            format!("A mesh on a plate, scaled to {EXTENT_M} m ({factor:.4} times its own size)");
         scene.name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(scene)
     }

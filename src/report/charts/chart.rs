@@ -12,7 +12,7 @@ use crate::axis::{Scale, ScaleKind};
 const AXIS_PX: u32 = 48;
 const MARGIN_PX: u32 = 16;
 /// Most pixels for the labels of rows.
-const MAX_LABELS_PX: u32 = 400;
+pub const MAX_LABELS_PX: u32 = 400;
 
 /// Grid and axes of every chart.
 pub fn mesh<'a, 'b, 'm, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(

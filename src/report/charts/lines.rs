@@ -8,10 +8,11 @@ use super::points::{MAX_Y_TITLE, Point, PointChart, Series};
 use super::style::Marker;
 use super::{Area, DrawResult, Panel, PlotInput, WIDTH_PX, names, style};
 use crate::axis::{Scale, ScaleKind};
-use crate::facts::exponent;
+use crate::facts::{exponent, grown_exponent};
 use crate::format::interval;
+use crate::sizes;
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
-use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
+use fathom_experiments::{Measure, groups, label_text, scaling};
 use fathom_record::Cell;
 
 /// Series that one chart can hold: as many as the palette has colours.
@@ -103,7 +104,7 @@ impl Panel for LineCharts {
 fn share_scales(charts: &mut [PointChart]) -> Option<()> {
     let all = || charts.iter().flat_map(|chart| &chart.series);
     let kind = charts.first()?.x.kind;
-    let x = Scale::fit(kind, all().flat_map(Series::xs))?;
+    let x = Scale::fit(kind, all().flat_map(Series::xs))?.with_sizes(all().flat_map(Series::xs));
     let y = Scale::fit(kind, all().flat_map(Series::ys))?;
     for chart in charts {
         (chart.x, chart.y) = (x.clone(), y.clone());
@@ -148,8 +149,14 @@ fn parts<'s>(plot: &'s Plot, input: &PlotInput<'s>) -> Vec<LineGroup<'s>> {
         Some(over) => groups(&input.cells, over).into_iter().map(|(_, cells)| cells).collect(),
         None => vec![input.cells.clone()],
     };
+    // A sweep names all stages of its pipeline.
+    let is_drawn = |y: &&Measure| {
+        let stage = y.stage_name().filter(|_| input.experiment.knee_share.is_some());
+        let mut measured = input.cells.iter().filter_map(|cell| cell.measured());
+        stage.is_none_or(|stage| measured.any(|of| !sizes::is_small(of, &stage)))
+    };
     let mut parts = Vec::new();
-    for (place, y) in plot.y.iter().enumerate() {
+    for (place, y) in plot.y.iter().filter(is_drawn).enumerate() {
         parts.extend(groups.iter().enumerate().map(|(group_place, cells)| LineGroup {
             y,
             place,
@@ -187,6 +194,7 @@ fn chart(
     let series: Vec<Series> = all.into_iter().map(|(_, series)| series).collect();
     let first = parts.first()?;
     let x = Scale::fit(kind, series.iter().flat_map(Series::xs))?;
+    let x = x.with_sizes(series.iter().flat_map(Series::xs));
     let y = Scale::fit(kind, series.iter().flat_map(Series::ys))?;
     let x_title = plot.x_title.clone().unwrap_or_else(|| measure.label().text());
     let y_title = names::y_title(plot, (!several).then_some(first.y));
@@ -224,8 +232,10 @@ fn series(
     let factors = [(x, &plot.x_title), (y, &plot.y_title)]
         .map(|(measure, title)| names::factor(measure, title.as_ref()));
     let category = plot.over.as_ref().filter(|over| input.experiment.is_category(over));
+    let is_sweep = input.experiment.knee_share.is_some();
+    let max_fixed = if is_sweep { f64::INFINITY } else { FIXED_SHARE };
     let fit = (category.is_none() && plot.kind == PlotKind::Scaling)
-        .then(|| scaling(y, x, &part.cells, FIXED_SHARE).ok())
+        .then(|| scaling(y, x, &part.cells, max_fixed).ok())
         .flatten();
     let mut counts = Vec::new();
     let point = |cell: &&Cell| {
@@ -244,13 +254,20 @@ fn series(
         })
     };
     let points = part.cells.iter().filter_map(point);
-    let points = points.sorted_by(|a, b| a.x.total_cmp(&b.x)).collect();
+    let points = points.sorted_by(|a, b| a.x.total_cmp(&b.x)).collect_vec();
+    let min_y =
+        points.iter().map(|point| point.y.median / factors[1]).fold(f64::INFINITY, f64::min);
+    let grown = fit.as_ref().map(|fit| match fit.left_out {
+        _ if is_sweep => grown_exponent(fit, min_y),
+        0 => exponent(fit),
+        cells => format!("{}, {cells} left out", exponent(fit)),
+    });
     let is_named = several || part.group.is_empty();
     let name = is_named.then(|| names::measure(y));
     let group = Some(part.group.clone()).filter(|group| !group.is_empty());
     Series {
         name: name.into_iter().chain(group).join(", "),
-        remarks: remarks(fit.as_ref(), counts),
+        remarks: remarks(grown, counts),
         color: match y.stage_name().filter(|stage| input.colors.has(stage)) {
             Some(stage) => style::stage_color(input.colors.color(&stage)),
             _ if several => style::color(place),
@@ -269,11 +286,8 @@ fn series(
 }
 
 /// The fitted exponent, and the fewest and the most samples of a point where not all are exact.
-fn remarks(fit: Option<&Scaling>, counts: Vec<usize>) -> Vec<String> {
-    let exponent = fit.map(|fit| match fit.left_out {
-        0 => format!("exponent {}", exponent(fit)),
-        cells => format!("exponent {}, {cells} left out", exponent(fit)),
-    });
+fn remarks(exponent: Option<String>, counts: Vec<usize>) -> Vec<String> {
+    let exponent = exponent.map(|exponent| format!("exponent {exponent}"));
     let counts = counts.into_iter().minmax().into_option().map(|counts| match counts {
         (min, max) if min == max => format!("n = {min}"),
         (min, max) => format!("n = {min} – {max}"),

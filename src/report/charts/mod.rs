@@ -136,6 +136,11 @@ pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
     (chart.ends_px() <= SMALL_PX.1).then(svg)
 }
 
+/// Scene, viewport and sizes that all cells of an experiment share, in words.
+pub fn common(section: &Section<'_>) -> String {
+    PlotInput::new(section).map_or_else(String::new, |input| names::common(&input))
+}
+
 pub fn file_name(section: &Section<'_>) -> String {
     format!("{}.svg", text::file_stem(section.id))
 }

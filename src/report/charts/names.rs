@@ -3,7 +3,7 @@
 use itertools::Itertools;
 use serde_json::Value;
 
-use super::PlotInput;
+use super::{PlotInput, style};
 use fathom_experiments::schema::{Experiment, Plot};
 use fathom_experiments::words;
 use fathom_experiments::{Measure, label_text};
@@ -38,6 +38,19 @@ pub fn cell(cell: &Cell, plot: Option<&Plot>, experiment: &Experiment) -> String
     let axes = cell.axes.iter().filter(|(name, _)| !is_named(name));
     let values: Vec<String> = axes.map(|(name, v)| value(name, v, experiment)).collect();
     if cell.axes.is_empty() { cell.scene.clone() } else { values.join(", ") }
+}
+
+/// [`cell`] of each, by the last words of the axes' paths where one is wider than so many pixels: `resolution 128, rays 16`.
+pub fn cells(cells: &[&Cell], experiment: &Experiment, max_px: u32) -> Vec<String> {
+    let names: Vec<String> = cells.iter().map(|one| cell(one, None, experiment)).collect();
+    if names.iter().all(|name| style::width_px(name, style::LABEL_PX) <= max_px) {
+        return names;
+    }
+    let leaf = |path: &String| path.rsplit('.').next().unwrap_or_default().replace('_', " ");
+    let short = |one: &&Cell| {
+        one.axes.iter().map(|(path, v)| format!("{} {}", leaf(path), label_text(v))).join(", ")
+    };
+    cells.iter().map(short).collect()
 }
 
 /// A stage's name, or the measure in words.

@@ -2,7 +2,7 @@
 
 use plotters::prelude::RGBColor;
 
-use super::chart::{BarChart, Item, Legend, Mark};
+use super::chart::{BarChart, Item, Legend, MAX_LABELS_PX, Mark};
 use super::{Panel, PlotInput, drawing, names, style};
 use crate::axis::Scale;
 use crate::colors::StageColors;
@@ -13,6 +13,8 @@ use fathom_experiments::schema::Published;
 use fathom_record::{Cell, Estimate, Measured};
 
 const BAR_PX: u32 = 34;
+/// Beside a label.
+const LABEL_MARGIN_PX: u32 = 20;
 /// Of a picture of shares: its width, and a bar's height.
 const SHARES_WIDTH_PX: u32 = 880;
 const SHARE_BAR_PX: u32 = 23;
@@ -85,8 +87,14 @@ pub fn chart(input: &PlotInput<'_>) -> Option<BarChart> {
         .filter_map(|cell| Some((*cell, cell.measured().filter(|cell| cell.is_timed())?)))
         .collect();
     let stages = coloured(&figures);
-    let bars: Vec<Bar> =
-        figures.iter().map(|(cell, measured)| Bar::new(cell, measured, &stages, input)).collect();
+    let cells: Vec<&Cell> = figures.iter().map(|(cell, _)| *cell).collect();
+    let labels = names::cells(&cells, input.experiment, MAX_LABELS_PX - LABEL_MARGIN_PX);
+    let bars: Vec<Bar> = figures
+        .iter()
+        .map(|(cell, measured)| Bar::new(cell, measured, &stages, input))
+        .zip(labels)
+        .map(|(bar, label)| Bar { label, ..bar })
+        .collect();
     let ends = bars.iter().flat_map(|bar| {
         let [low, high] = bar.frame.ends();
         let timed: f64 = bar.parts.iter().sum();

@@ -141,16 +141,21 @@ const SIZES: PageSection = PageSection {
     question: "What does each size cost, and from which size does a stage dominate?",
     fold: Fold::Open,
     write: |page| {
-        document::html_if_any(page.runs.iter().flat_map(|run| sizes::parts(run.view)).collect())
+        let of_run = |run: &PageRun<'_>| {
+            let draw = pictures::drawing(run.view);
+            page.heading(run).into_iter().chain(sizes::parts(run.view, &draw)).collect_vec()
+        };
+        let runs = page.runs.iter().map(of_run).filter(|parts| parts.len() > 1);
+        document::html_if_any(runs.flatten().collect())
     },
 };
 
 /// In the order in which a reader asks.
 const SECTIONS: [PageSection; 14] = [
+    SIZES,
     overview::SECTION,
     HISTORY,
     COMPARED,
-    SIZES,
     claims::SECTION,
     time::SECTION,
     host::SECTION,

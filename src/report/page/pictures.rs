@@ -2,6 +2,7 @@
 
 mod embed;
 
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -10,10 +11,10 @@ use maud::{Markup, html};
 
 use self::embed::{Embedded, Embedder};
 use super::{Fold, Page, PageRun, PageSection, SkippedInput};
-use crate::Section;
 use crate::charts::names;
 use crate::document::{self, Block};
 use crate::format::{count_noun, three};
+use crate::{Report, Section};
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, label_text};
 use fathom_record::{Cell, ErrorSpan, Picture, PictureKind, PictureScale};
@@ -66,6 +67,23 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         @for group in groups { (group_pictures(page, group)) }
         @if !left_out.is_empty() { (missing(&left_out)) }
     })
+}
+
+/// Draws the pictures of cells where the run's folder has them, until there are enough.
+pub fn drawing(view: &Report<'_>) -> impl Fn(&Cell, PictureKind) -> Option<Markup> {
+    let embedder = RefCell::new(Embedder::default());
+    move |cell, kind| {
+        let mut pictures = cell.measured()?.pictures.iter();
+        let picture = pictures.find(|picture| picture.shows == kind)?;
+        let embedded = embedder.borrow_mut().embed(view.folder.as_ref()?, picture).ok()?;
+        let Embedded { uri, shown_px: [width, height], .. } = embedded;
+        let scale = scale(picture);
+        let alt = format!("{}: {}", cell.cell, scale.as_deref().unwrap_or("picture"));
+        Some(html! {
+            img src=(uri) width=(width) height=(height) alt=(alt);
+            @if kind == PictureKind::Error { div.faint { (scale?) } }
+        })
+    }
 }
 
 fn group<'p>(
