@@ -94,13 +94,13 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 
-    /// `1:24 of 4:00, 120 of 337 cells with 1 to 3 visits each (an interval takes 4), 31 of 91 claims settled so far`
+    /// `1:24 of 4:00, 120 of 337 cells, 1 to 3 of the 4 visits that an interval takes, 31 of 91 claims settled so far`
     fn line(&self) -> String {
         let (used, budget) = (clock(self.start.elapsed().as_secs_f64()), clock(self.budget_s));
         let mut cells = format!("{} of {} cells", self.finished.len(), self.cells);
         if let Some((min, max)) = self.visits {
             let range = if min == max { min.to_string() } else { format!("{min} to {max}") };
-            cells += &format!(" with {range} visits each (an interval takes {MIN_VISITS})");
+            cells += &format!(", {range} of the {MIN_VISITS} visits that an interval takes");
         }
         let sum = |of: fn(&(usize, usize)) -> usize| self.claims.values().map(of).sum::<usize>();
         match (sum(|claims| claims.0), sum(|claims| claims.1)) {
@@ -137,7 +137,7 @@ mod tests {
         progress.set_settled(0, 2, 2);
         assert_eq!(progress.line(), "0:00 of 4:00, 2 of 3 cells, 2 of 5 claims settled so far");
         progress.visits = Some((1, 3));
-        let visits = "2 of 3 cells with 1 to 3 visits each (an interval takes 4), 2 of 5 claims";
+        let visits = "2 of 3 cells, 1 to 3 of the 4 visits that an interval takes, 2 of 5 claims";
         assert!(progress.line().contains(visits), "{}", progress.line());
         assert_eq!(clock(3_725.0), "62:05");
     }

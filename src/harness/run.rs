@@ -480,12 +480,14 @@ impl Measurement<'_> {
             let batch = match self.schedule.next(now_s, deadline_s - now_s) {
                 Next::Visit(batch) => batch,
                 Next::Wait(wait_s) => {
+                    self.report_if_due(false);
+                    self.output.progress.tick();
                     std::thread::sleep(Duration::from_secs_f64(wait_s.min(WAIT_S)));
                     continue;
                 }
                 Next::End => break,
             };
-            if self.report_if_due(&batch) {
+            if self.report_if_due(batch.is_first) {
                 continue;
             }
             self.schedule.begin(&batch);
@@ -553,8 +555,8 @@ impl Measurement<'_> {
     }
 
     /// The first report comes after the first visits, unless it would take too much of the budget.
-    fn report_if_due(&mut self, next: &Batch) -> bool {
-        let is_first = !next.is_first && self.output.reports.may_begin();
+    fn report_if_due(&mut self, is_next_first: bool) -> bool {
+        let is_first = !is_next_first && self.output.reports.may_begin();
         let is_due = is_first || self.output.reports.is_due();
         if is_due {
             self.output.report(&self.schedule, &mut self.session.beside);

@@ -32,27 +32,6 @@ impl Color {
         let Self(red, green, blue) = self;
         format!("#{red:02x}{green:02x}{blue:02x}")
     }
-
-    /// The colour of text on it, black or white: the one with the higher contrast, which is 4.5 or more (WCAG 2.1, 1.4.3).
-    pub fn ink(self) -> Color {
-        let [black, white] = [Color(0, 0, 0), Color(255, 255, 255)];
-        if self.contrast(black) > self.contrast(white) { black } else { white }
-    }
-
-    /// Contrast ratio (WCAG 2.1).
-    fn contrast(self, other: Color) -> f64 {
-        let [a, b] = [self, other].map(Color::luminance);
-        (a.max(b) + 0.05) / (a.min(b) + 0.05)
-    }
-
-    /// Relative luminance (WCAG 2.1).
-    fn luminance(self) -> f64 {
-        let linear = |value: u8| {
-            let value = f64::from(value) / 255.0;
-            if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-        };
-        0.2126 * linear(self.0) + 0.7152 * linear(self.1) + 0.0722 * linear(self.2)
-    }
 }
 
 /// The colours of a report's stages. The same set of names gives the same colours.
@@ -137,16 +116,5 @@ mod tests {
         let [forth, back] = [StageColors::new(STAGES), StageColors::new(STAGES.into_iter().rev())];
         assert!(STAGES.iter().all(|stage| forth.color(stage) == back.color(stage)));
         assert_eq!(forth.color("uniforms"), NEUTRAL);
-    }
-
-    #[test]
-    fn text_on_a_stage_s_colour_can_be_read() {
-        let colors = StageColors::new(STAGES);
-        for stage in STAGES {
-            let color = colors.color(stage);
-            let contrast = color.contrast(color.ink());
-            assert!(contrast >= 4.5, "{stage}: {contrast}");
-        }
-        assert_eq!(Color(250, 250, 200).ink(), Color(0, 0, 0));
     }
 }

@@ -309,7 +309,7 @@ impl Table {
     fn html(&self) -> Markup {
         let class = Some(self.class).filter(|class| !class.is_empty());
         html! {
-            div.scroll tabindex="0" role="region" aria-label=(self.about) {
+            div.scroll tabindex="0" role="group" aria-label=(self.about) {
                 table class=[class] {
                     thead { tr { @for (title, kind) in &self.columns {
                         th class=[kind.class()] scope="col" { (title) }
@@ -382,8 +382,8 @@ pub fn html(parts: &[Block]) -> Markup {
                 Block::Paragraph(line) => p { (line.html()) },
                 Block::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
                 Block::Table(table) => (table.html()),
-                Block::Diff(lines) => div.scroll tabindex="0" role="region" aria-label="Difference" { pre { (lines) } },
-                Block::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
+                Block::Diff(lines) => div.scroll tabindex="0" role="group" aria-label="Difference" { pre { (lines) } },
+                Block::Chart(svg) => div.scroll tabindex="0" role="group" aria-label="Chart" { (PreEscaped(svg)) },
                 Block::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
                 Block::Topic(id, line, parts) => details.plot #(id) { summary { (line.html()) } (html(parts)) },
                 Block::Grid(cells) => div.multiples { @for parts in cells { div { (html(parts)) } } },

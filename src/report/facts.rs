@@ -278,8 +278,7 @@ pub fn exponent(fit: &Scaling) -> String {
 /// The exponent over all sizes of a sweep, with the fixed part of the shortest time where that is much of it.
 pub fn grown_exponent(fit: &Scaling, min_time: f64) -> String {
     let fixed_ms = format::three(fit.fixed / format::NS_PER_MS);
-    let fixed =
-        (fit.fixed > FIXED_SHARE * min_time).then(|| format!(", {fixed_ms} ms of it fixed"));
+    let fixed = (fit.fixed > FIXED_SHARE * min_time).then(|| format!(", {fixed_ms} ms fixed"));
     exponent(fit) + &fixed.unwrap_or_default()
 }
 

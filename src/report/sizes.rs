@@ -292,7 +292,7 @@ mod tests {
             "uw-photons: times over ",
             "uw-photons: growth over ",
             "More than 10 % of the frame",
-            " ms of it fixed",
+            " ms fixed",
             "too few sizes with a time: 2 of 3",
             "Its values are names",
         ] {

@@ -248,13 +248,24 @@ impl RuledFigure {
         }
     }
 
-    /// The band: `0.900 – 1.100`, `at most 1.000`.
+    /// The band: `0.9 – 1.1`, `at most 1`; of a figure that is not negative also where it begins at 0.
     pub fn limits(&self) -> String {
         let Interval { low, high } = self.band;
-        match (low.is_finite(), high.is_finite()) {
-            (true, true) => format!("{} – {}", number(low), number(high)),
-            (true, false) => format!("at least {}", number(low)),
-            (false, true) => format!("at most {}", number(high)),
+        let bound = |bound: f64| {
+            let digits = number(bound);
+            let whole = digits.contains('.') && !digits.contains('e');
+            if whole {
+                digits.trim_end_matches('0').trim_end_matches('.').to_owned()
+            } else {
+                digits
+            }
+        };
+        let is_signed = self.interval.map_or(self.value, |interval| interval.low) < 0.0;
+        match (low.is_finite() && (low != 0.0 || is_signed), high.is_finite()) {
+            (true, true) => format!("{} – {}", bound(low), bound(high)),
+            (true, false) => format!("at least {}", bound(low)),
+            (false, true) => format!("at most {}", bound(high)),
+            (false, false) if low.is_finite() => format!("at least {}", bound(low)),
             (false, false) => "anything".to_owned(),
         }
     }
@@ -301,11 +312,12 @@ pub(super) fn judge(comparisons: &[BoundCheck], has_own_bound: bool) -> Option<J
     Some(Judgement { verdict, reason, deciding, others: others.collect() })
 }
 
-/// Three decimals, or three digits of what is small.
+/// Three decimals, or three digits of what is small: without an exponent from 0.001 on.
 fn number(value: f64) -> String {
     match value.abs() {
         size if size >= 100.0 => format!("{value:.1}"),
         size if size >= 0.1 || size == 0.0 => format!("{value:.3}"),
+        size if size >= 0.001 => format!("{value:.*}", if size >= 0.01 { 4 } else { 5 }),
         _ => format!("{value:.3e}"),
     }
 }

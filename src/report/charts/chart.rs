@@ -52,8 +52,6 @@ pub enum Item {
     Bar([(f64, f64); 2], RGBColor),
     /// What the item before it shows.
     Tip(String),
-    /// Words in the middle of a bar of this colour.
-    Within(String, (f64, f64), RGBColor),
     /// With its width in pixels.
     Line([(f64, f64); 2], u32),
     /// The untimed frame.
@@ -114,9 +112,6 @@ impl Panel for BarChart {
         self.items.iter().try_for_each(|item| match item {
             Item::Bar(corners, color) => plot.draw(&Rectangle::new(*corners, color.filled())),
             Item::Tip(words) => tip(&area, words),
-            Item::Within(words, at, color) => {
-                write(words, style::centered(style::on(*color, style::small())), *at, 0)
-            }
             Item::Line(ends, width_px) => {
                 plot.draw(&PathElement::new(ends.to_vec(), style::INK.stroke_width(*width_px)))
             }

@@ -19,7 +19,7 @@ use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 
 use self::lines::LineCharts;
-pub use self::{stacked::shares, strip::strip};
+pub use self::strip::strip;
 use super::colors::StageColors;
 use super::document::Tone;
 use super::{Artifact, Exporter, Report, RunExporter, RunFormat, Section, Timing};
@@ -40,6 +40,7 @@ pub const EXPORTER: RunExporter = Exporter {
 const WIDTH_PX: u32 = 980;
 /// A plot at a glance.
 const SMALL_PX: (u32, u32) = (540, 220);
+const MAX_SMALL_PX: u32 = 380;
 /// Title of the picture, and of each panel.
 const TITLE_PX: u32 = 36;
 const HEADING_PX: u32 = 32;
@@ -132,8 +133,9 @@ pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
     let input = PlotInput::new(section)?.select(plot);
     let chart = LineCharts::new(plot, &input)?.into_single()?;
     let about = format!("{}: {}", section.id, plot.title);
-    let svg = || drawing(SMALL_PX, &about, |area| chart.draw_with_names(area));
-    (chart.ends_px() <= SMALL_PX.1).then(svg)
+    let size_px = (SMALL_PX.0, SMALL_PX.1.max(chart.ends_px()));
+    let svg = || drawing(size_px, &about, |area| chart.draw_with_names(area));
+    (size_px.1 <= MAX_SMALL_PX).then(svg)
 }
 
 /// Scene, viewport and sizes that all cells of an experiment share, in words.

@@ -3,11 +3,8 @@
 use plotters::prelude::RGBColor;
 
 use super::chart::{BarChart, Item, Legend, MAX_LABELS_PX, Mark};
-use super::{Panel, PlotInput, drawing, names, style};
-use crate::axis::Scale;
-use crate::colors::StageColors;
-use crate::facts::{self, StageShare};
-use crate::format::{self, NS_PER_MS, three};
+use super::{PlotInput, names, style};
+use crate::format::{NS_PER_MS, three};
 use fathom_experiments::Measure;
 use fathom_experiments::schema::Published;
 use fathom_record::{Cell, Estimate, Measured};
@@ -15,9 +12,6 @@ use fathom_record::{Cell, Estimate, Measured};
 const BAR_PX: u32 = 34;
 /// Beside a label.
 const LABEL_MARGIN_PX: u32 = 20;
-/// Of a picture of shares: its width, and a bar's height.
-const SHARES_WIDTH_PX: u32 = 880;
-const SHARE_BAR_PX: u32 = 23;
 /// A stage that has less of every cell's frame is drawn among the others.
 const MIN_SHARE: f64 = 0.01;
 
@@ -29,54 +23,6 @@ struct Bar {
     frame: Estimate,
     /// From the shortest to the longest published time.
     published: Option<[f64; 2]>,
-}
-
-/// Pixels of a bar of 100 % at least: labels take the rest.
-const SHARES_PX: f64 = 480.0;
-
-/// Frames in per cent, each under its label, with the nanoseconds that are in none of its stages.
-pub fn shares(rows: &[(String, Vec<StageShare<'_>>, f64)], colors: &StageColors) -> String {
-    let mut items = Vec::new();
-    for ((label, stages, none_ns), row) in rows.iter().zip((0..rows.len()).rev()) {
-        let middle = row as f64 + 0.5;
-        let of_stages: f64 = stages.iter().map(|share| share.stage.time.median).sum();
-        let sum_ns = of_stages + none_ns;
-        let mut start = 0.0;
-        for StageShare { stage, share } in stages {
-            let length = 100.0 * stage.time.median / sum_ns.max(f64::MIN_POSITIVE);
-            let color = style::stage_color(colors.color(&stage.stage));
-            let [name, ms] = [stage.stage.as_str(), &format::stage_ms(stage)];
-            let tip = format!(
-                "{label}, {name}; {length:.1} % of the medians: {ms} ms, {}",
-                facts::share(share)
-            );
-            let corners = [(start, row as f64 + 0.1), (start + length, row as f64 + 0.9)];
-            items.extend([Item::Bar(corners, color), Item::Tip(tip)]);
-            if f64::from(style::width_px(name, style::SMALL_PX)) < length / 100.0 * SHARES_PX {
-                items.push(Item::Within(name.to_owned(), (start + length / 2.0, middle), color));
-            }
-            start += length;
-        }
-        let ms = three(none_ns / NS_PER_MS);
-        let tip = format!("{label}, {}; {:.1} %: {ms} ms", OTHERS[1], 100.0 - start);
-        let corners = [(start, row as f64 + 0.1), (100.0, row as f64 + 0.9)];
-        items.extend([Item::Bar(corners, style::GAPS), Item::Tip(tip)]);
-        items.push(Item::Label(label.clone(), middle));
-    }
-    let chart = BarChart {
-        x_title: "share of the frame (%); light: in no stage".to_owned(),
-        scale: Scale::named(
-            [0.0, 100.0],
-            [0.0, 25.0, 50.0, 75.0, 100.0].map(|at| (at, format!("{at}"))),
-        ),
-        rows_px: rows.len() as u32 * SHARE_BAR_PX,
-        rows: rows.len() as f64,
-        right_px: 20,
-        legend: Legend::default(),
-        items,
-    };
-    let size_px = (SHARES_WIDTH_PX, chart.height_px());
-    drawing(size_px, "Stages of a frame of each pipeline", |area| chart.draw(area))
 }
 
 /// None where no cell was timed.

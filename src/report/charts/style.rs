@@ -26,8 +26,6 @@ pub const GRID: RGBColor = RGBColor(226, 226, 226);
 /// Of a stage that has no colour of its own, and of gaps.
 pub const REST: RGBColor = RGBColor(150, 150, 150);
 pub const GAPS: RGBColor = RGBColor(200, 200, 200);
-/// Type on light fields, which stay light on a dark page.
-const ON_LIGHT: RGBColor = RGBColor(20, 20, 20);
 pub const GOOD: RGBColor = RGBColor(27, 110, 60);
 pub const BAD: RGBColor = RGBColor(179, 38, 30);
 pub const OPEN: RGBColor = RGBColor(138, 90, 0);
@@ -90,7 +88,8 @@ pub const TIP: char = '\u{1}';
 pub fn titled(svg: &str, about: &str) -> String {
     let about = html! { (about) }.into_string();
     let root = format!("<svg class=\"{CLASS}\" role=\"img\" aria-label=\"{about}\" ");
-    let mut svg = svg.replacen("<svg ", &root, 1);
+    let title = format!(">\n<title>{about}</title>\n");
+    let mut svg = svg.replacen("<svg ", &root, 1).replacen(">\n", &title, 1);
     for default in DEFAULTS {
         svg = svg.replace(default, "");
     }
@@ -217,12 +216,6 @@ pub fn shade(share: f64) -> RGBColor {
         (f64::from(a) + (place - below as f64) * (f64::from(b) - f64::from(a))).round() as u8
     };
     RGBColor(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
-}
-
-/// Type that stands out against a colour: white on dark, ink on light.
-pub fn on(RGBColor(r, g, b): RGBColor, style: TextStyle<'static>) -> TextStyle<'static> {
-    let is_dark = StageColor(r, g, b).ink() != StageColor(0, 0, 0);
-    style.color(if is_dark { &WHITE } else { &ON_LIGHT })
 }
 
 /// A line of text in pieces of at most `limit` characters, broken at spaces.

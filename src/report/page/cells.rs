@@ -44,7 +44,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             label { "Holds the words " input #cell-words type="search" size="24"; }
             output #cell-count {}
         }
-        div.scroll tabindex="0" role="region" aria-label="Cells" {
+        div.scroll tabindex="0" role="group" aria-label="Cells" {
             table #cell-table {
                 thead { tr {
                     @if page.is_overlay() { th scope="col" { "Run" } }

@@ -12,7 +12,8 @@ use crate::facts::{self, SlowStage};
 use crate::format::{NS_PER_MS, percent, three};
 use crate::noise;
 use crate::{Report, Section, SkippedInput, trust};
-use fathom_experiments::{ClaimOrigin, Ruling};
+use fathom_experiments::schema::{Plot, PlotKind};
+use fathom_experiments::{ClaimOrigin, Measure, Ruling};
 use fathom_record::{OVER_BUDGET, OutcomeCounts, Run};
 
 pub const SECTION: PageSection = PageSection {
@@ -26,7 +27,7 @@ pub const SECTION: PageSection = PageSection {
 /// Lines of a card that has one for each stage, axis or pipeline.
 const MAX_LINES: usize = 5;
 const MAX_PIPELINES: usize = 10;
-const MAX_PLOTS: usize = 2;
+const MAX_PLOTS: usize = 3;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     if page.runs.is_empty() && page.left_out.is_empty() {
@@ -60,9 +61,8 @@ fn run_cards(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
 
 /// A drawing where there is one of a single run, else words.
 fn content(page: &Page<'_>, view: &Report<'_>, card: &Card) -> Option<Markup> {
-    let bars = || Some(html! { div.scroll { (PreEscaped(super::time::bars(page)?)) } });
     let drawing = match card.section {
-        "time" if !page.is_overlay() => bars(),
+        "time" if !page.is_overlay() => super::time::bars(page),
         "scaling" if !page.is_overlay() => scaling_plots(view),
         _ => None,
     };
@@ -78,26 +78,42 @@ fn claim_marks(view: &Report<'_>) -> Markup {
         sections.flat_map(|section| section.rulings().iter().map(|ruling| (section.id, ruling)));
     let claims = all.filter(|(_, ruling)| ruling.origin == ClaimOrigin::Publication);
     html! {
-        p.marks {
+        ul.marks aria-label="Claims of the papers" {
             @for (id, ruling) in claims.sorted_by_key(|(_, ruling)| std::cmp::Reverse(ruling.verdict)) {
                 @let [class, mark] = Tone::from_verdict(ruling.verdict).look();
-                a.(class) href={ "#plot-" (id) } title={ (ruling.verdict) ": " (ruling.text) " (" (id) ")" } { (mark) }
+                @let name = format!("{}: {} ({id})", ruling.verdict, ruling.text);
+                li { a.(class) href={ "#plot-" (id) } aria-label=(name) data-tip=(name) { (mark) } }
             }
         }
     }
 }
 
-/// The plots of the exponents over the widest ranges, those of one group of cells first.
+/// Sizes that readers ask for first, as the measures of plots name them: photons, voxels, pixels of the view.
+const FIRST_SIZES: [&str; 3] = ["photons", "voxel.resolution", "view.width"];
+
+/// Plots of times over the sizes that readers ask for first, then of the exponents over the widest ranges.
 fn scaling_plots(view: &Report<'_>) -> Option<Markup> {
-    let alone = facts::growth(view).sorted_by_key(|exponent| !exponent.group.is_empty());
-    let grown = alone.unique_by(|exponent| exponent.section.id);
-    let plots =
-        grown.filter_map(|one| Some((one.section, charts::small_plot(one.section, one.plot)?)));
+    let is_timed = |plot: &&Plot| {
+        plot.kind == PlotKind::Scaling && plot.y.iter().all(Measure::is_time)
+    };
+    let timed = view.sections.iter().flat_map(|section| {
+        let experiment = section.experiment.iter().filter(|of| of.knee_share.is_none());
+        let plots = experiment.flat_map(|experiment| &experiment.plot);
+        plots.filter(is_timed).map(move |plot| (section, plot))
+    });
+    let timed = timed.collect_vec();
+    let draw = |(section, plot)| Some((section, charts::small_plot(section, plot)?));
+    let first = FIRST_SIZES.iter().filter_map(|size| {
+        let over = |plot: &Plot| plot.x.iter().any(|x| x.to_string().contains(size));
+        timed.iter().copied().filter(|(_, plot)| over(plot)).find_map(draw)
+    });
+    let grown = facts::growth(view).map(|one| (one.section, one.plot)).filter_map(draw);
+    let plots = first.chain(grown).unique_by(|(section, _)| section.id);
     let plots = plots.take(MAX_PLOTS).collect_vec();
     let all = html! {
         div.plots {
             @for (section, svg) in &plots {
-                div.scroll { a.source href={ "#plot-" (section.id) } { (section.id) } (PreEscaped(svg)) }
+                div { a.source href={ "#plot-" (section.id) } { (section.id) } (PreEscaped(svg)) }
             }
         }
     };
@@ -187,17 +203,26 @@ fn verdicts(view: &Report<'_>) -> Vec<Block> {
     tallies.collect()
 }
 
-/// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96; 30 (our bound)`
+/// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96. 30 of these verdicts rest on a bound of this project,
+/// 86 on the sizes of the quick profile.`
 fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
     facts::tallies(view).map(|(whose, counts)| {
         let some = counts.iter().filter(|(_, count)| *count > 0);
         let each = some.map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
         let all: usize = counts.iter().map(|(_, count)| count).sum();
         let rulings = view.sections.iter().flat_map(Section::rulings);
-        let marks = rulings.filter(|ruling| ruling.origin == whose).map(Ruling::mark).counts();
-        let marks = marks.into_iter().filter(|(mark, _)| !mark.is_empty()).sorted();
-        let marks = marks.map(|(mark, count)| format!("; {count}{mark}")).join("");
-        (whose, format!("{each}, of {all}{marks}"))
+        let is_ruled = |ruling: &&Ruling| ruling.origin == whose && !ruling.mark().is_empty();
+        let marked = rulings.filter(is_ruled).map(|of| [of.has_own_bound, of.is_quick]);
+        let counts = marked.fold([0, 0], |sum, is| [0, 1].map(|at| sum[at] + usize::from(is[at])));
+        let rests = [
+            (counts[0], "rest on a bound of this project"),
+            (counts[1], "on the sizes of the quick profile"),
+        ];
+        let rests = rests.iter().filter(|(count, _)| *count > 0);
+        let rests = rests.map(|(count, what)| format!("{count} {what}")).join(", ");
+        let rests = Some(rests).filter(|rests| !rests.is_empty());
+        let rests = rests.map_or_else(String::new, |rests| format!(". Of these verdicts, {rests}"));
+        (whose, format!("{each}, of {all}{rests}"))
     })
 }
 

@@ -110,7 +110,7 @@ fn group<'p>(
 fn group_pictures(page: &Page<'_>, group: &PictureGroup<'_>) -> Markup {
     let differing = differing(&group.shown);
     html! {
-        details.pictures open[group.shown.len() <= OPEN_PICTURES] {
+        details.pictures id=[(!page.is_overlay()).then(|| format!("pictures-{}", group.section.id))] open[group.shown.len() <= OPEN_PICTURES] {
             summary {
                 b { (group.section.id) } ": " (group.section.title()) ", " (count_noun(group.shown.len(), "picture"))
                 @if page.is_overlay() { " (" (group.run.label) ")" }

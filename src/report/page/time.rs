@@ -1,14 +1,15 @@
 //! Where the time of a frame goes: a bar for each frame that stands for a pipeline.
 
 use itertools::Itertools;
-use maud::html;
+use maud::{Markup, html};
 
-use super::{Fold, Page, PageRun, PageSection};
-use crate::charts::shares;
+use super::{Fold, Page, PageRun, PageSection, pictures};
 use crate::document::{self, Block, ColumnKind, Field, Line, Span};
 use crate::facts::{self, Representative, StageShare};
 use crate::format::{self, NS_PER_MS, count_noun, percent, three};
+use crate::sizes::DrawPicture;
 use fathom_base::statistics;
+use fathom_record::PictureKind;
 
 pub const SECTION: PageSection = PageSection {
     id: "time",
@@ -38,22 +39,60 @@ pub fn parts(page: &Page<'_>) -> Vec<Block> {
     vec![
         Block::paragraph(
             "One frame per pipeline, at the measurable setting closest to the defaults. A share is that of the sum of all stages, by \
-             median times, with its 95 % interval. On the page a bar at a glance shows it; a stage below the clock's resolution has no part.",
+             median times, with its 95 % interval. On the page a bar shows it; a stage below the clock's resolution has no part.",
         ),
         Block::Table(table.with_rows(rows)),
     ]
 }
 
-/// A bar for each pipeline.
-pub fn bars(page: &Page<'_>) -> Option<String> {
+/// A bar for each pipeline with the names of its longest stages, beside its picture.
+pub fn bars(page: &Page<'_>) -> Option<Markup> {
+    let run = page.runs.first()?;
+    let draw = pictures::drawing(run.view);
     let frames = frames(page);
-    let rows = frames.iter().flatten().map(|(run, frame)| {
-        let run = if page.is_overlay() { format!(", {}", run.label) } else { String::new() };
-        let none_ns = frame.measured.in_no_stage_ns();
-        (format!("{}{run}", frame.cell.pipeline), resolved(frame), none_ns)
+    let bars = frames.iter().flatten().map(|(_, frame)| bar(page, run, frame, &draw));
+    (!frames.is_empty()).then(|| html! { div.bars { @for bar in bars { (bar) } } })
+}
+
+fn bar(
+    page: &Page<'_>,
+    run: &PageRun<'_>,
+    frame: &Representative<'_>,
+    draw: DrawPicture<'_>,
+) -> Markup {
+    let (pipeline, none_ns) = (&frame.cell.pipeline, frame.measured.in_no_stage_ns());
+    let stages = resolved(frame);
+    let sum_ns = none_ns + stages.iter().map(|of| of.stage.time.median).sum::<f64>();
+    let length = |ns: f64| 100.0 * ns / sum_ns.max(f64::MIN_POSITIVE);
+    let parts = stages.iter().map(|StageShare { stage, share }| {
+        let (name, of_frame, ms) =
+            (&stage.stage, length(stage.time.median), format::stage_ms(stage));
+        let tip = format!(
+            "{pipeline}, {name}; {of_frame:.1} % of the medians: {ms} ms, {}",
+            facts::share(share)
+        );
+        (name.as_str(), of_frame, page.colors.color(name).hex(), tip)
     });
-    let rows = rows.collect_vec();
-    (!rows.is_empty()).then(|| shares(&rows, &page.colors))
+    let none = (none_ns / NS_PER_MS, length(none_ns));
+    let tip = format!("{pipeline}, in no stage; {:.1} %: {} ms", none.1, three(none.0));
+    let parts = parts.chain([("in no stage", none.1, "var(--rule)".to_owned(), tip)]).collect_vec();
+    let mut cells = run.view.measured().filter(|(cell, _)| cell.pipeline == *pipeline);
+    let picture =
+        cells.find_map(|(cell, _)| Some((&cell.experiment, draw(cell, PictureKind::Image)?)));
+    html! {
+        div.bar {
+            @if let Some((id, picture)) = picture { a.thumb href={ "#pictures-" (id) } { (picture) } }
+            div {
+                b { (pipeline) } " " span.faint { (format::ms(&frame.measured.frame.untimed)) " ms" }
+                div.stack { @for (_, length, color, tip) in &parts {
+                    span style={ "flex-grow:" (format!("{length:.2}")) ";background:" (color) } data-tip=(tip) {}
+                } }
+                div.names { @for (name, length, color, _) in &parts { @if *length >= 100.0 * SMALL_SHARE {
+                    span { span.swatch style={ "background:" (color) } {} (name) (format!(" {length:.0} %")) } " "
+                } } }
+            }
+        }
+    }
 }
 
 /// The frame nearest to the defaults first.
@@ -131,7 +170,7 @@ mod tests {
         let first = html.split("<tr>").nth(2).unwrap();
         assert!(first.contains("uw-default"), "{first}");
         let bars = written(overview::SECTION.write, &fixtures::run());
-        let titles = bars.split("<title>underwater, ").skip(1);
+        let titles = bars.split("data-tip=\"underwater, ").skip(1);
         let shares = titles.map(|title| title.split([';', '%']).nth(1).unwrap().trim());
         let sum: f64 = shares.map(|share| share.parse::<f64>().unwrap()).sum();
         assert!((sum - 100.0).abs() < 1.0, "{sum}");

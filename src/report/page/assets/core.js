@@ -30,7 +30,7 @@ fathom.data = () => {
 
 /* A mark's title is what the pointer and the keyboard show: the browser would show it a second time. */
 fathom.all("svg title").forEach((title) => {
-  title.parentElement.dataset.tip = title.textContent;
+  if (!title.parentElement.matches("svg")) title.parentElement.dataset.tip = title.textContent;
   title.remove();
 });
 
@@ -70,6 +70,22 @@ fathom.all("svg title").forEach((title) => {
     chart.setAttribute("tabindex", "0");
     chart.setAttribute("role", "application");
     chart.setAttribute("aria-roledescription", "chart: arrow keys give the values");
+  });
+
+  /* So is the list of claims. */
+  fathom.all("ul.marks").forEach((list) => {
+    const links = fathom.all("a", list);
+    links.slice(1).forEach((link) => { link.tabIndex = -1; });
+    list.addEventListener("focusin", (event) => show(event.target));
+    list.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+      if (!step) return;
+      const at = links.indexOf(event.target);
+      const next = links[(at + step + links.length) % links.length];
+      [event.target.tabIndex, next.tabIndex] = [-1, 0];
+      event.preventDefault();
+      next.focus();
+    });
   });
 
   document.addEventListener("keydown", (event) => {
