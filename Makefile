@@ -27,6 +27,7 @@ test-all: setup-all
 	cd examples/vello_frames && cargo fmt --check && cargo clippy --locked --target-dir ../../target/vello_frames -- -D warnings
 	cargo test --locked --workspace --features nightly
 	/usr/bin/python3 tests/nightly/schema.py
+	/usr/bin/python3 tests/nightly/cells.py target/debug/fathom
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 
 setup:

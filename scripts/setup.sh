@@ -2,7 +2,7 @@
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use, Vulkan's validation layer, Chromium with axe-core for
-# the tests of the HTML page, PyYAML and shellcheck for those of jobs, the validator of records, and what builds the worker in C++. Elsewhere it only says what it would do.
+# the tests of the HTML page, PyYAML and shellcheck for those of jobs, the validator of records, pandas and polars for those of cells.csv, and what builds the worker in C++. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -15,6 +15,8 @@ if ! command -v apt-get >/dev/null 2>&1; then
 fi
 
 axe_version=4.14.1
+pandas_version=2.2.3
+polars_version=1.9.0
 missing=""
 want() { # package
     dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q '^install ok installed' || missing="$missing $1"
@@ -32,7 +34,7 @@ want valgrind
     want vulkan-validationlayers
     want chromium; want chromium-driver
     want g++; want make; want libvulkan-dev; want glslang-tools; want nlohmann-json3-dev
-    want python3-yaml; want python3-jsonschema; want shellcheck
+    want python3-yaml; want python3-jsonschema; want python3-pip; want shellcheck
 }
 
 install() {
@@ -54,5 +56,15 @@ install_npm() {
         echo "note: the npm package could not be installed, so $untested" >&2
 }
 
+# The libraries that tests/nightly/cells.py reads cells.csv with.
+install_python() {
+    [ ! -d target/python/polars ] || return 0
+    PIP_ROOT_USER_ACTION=ignore /usr/bin/python3 -m pip install --quiet --target target/python "pandas==$pandas_version" "polars==$polars_version" ||
+        echo "note: pandas and polars could not be installed, so cells.csv is not tested with them" >&2
+}
+
 install
-[ "${1:-}" != test ] || install_npm
+if [ "${1:-}" = test ]; then
+    install_npm
+    install_python
+fi

@@ -228,8 +228,18 @@ fn wrong_names_and_values_are_told_with_the_nearest_right_one() {
 
 #[test]
 fn malformed_assignments_are_refused() {
-    for text in ["", "a", "a=", "=1", "a=1,,2"] {
+    for text in
+        ["", "a", "a=", "=1", "a=1,,2", "a=1..9", "a=9..1*2", "a=1..9*1", "a=0..9*2", "a=1..9+0"]
+    {
         assert!(parse_axis(text).is_err(), "{text}");
+    }
+    for (text, expected) in [
+        ("a=64..512*2", &["64", "128", "256", "512"][..]),
+        ("a=8,0.1..0.35+0.1", &["8", "0.1", "0.2", "0.3"]),
+        ("a=../b..c.obj,..", &["../b..c.obj", ".."]),
+        ("a=5..5+1", &["5"]),
+    ] {
+        assert_eq!(parse_axis(text).unwrap().1, expected, "{text}");
     }
     for text in ["", "a", "a=", "=1"] {
         assert!(parse_set(text).is_err(), "{text}");

@@ -439,9 +439,10 @@ impl Measurement<'_> {
         }
         self.is_budget_told = true;
         let minutes = (BUDGET_RESERVE * needed_s / 60.0).ceil();
+        let visits = MIN_VISITS.min(self.schedule.max_visits);
         print::note(format!(
-            "a budget of {budget_s:.0} s does not give every cell the {MIN_VISITS} visits of an interval, which take about {needed_s:.0} s: \
-             --budget {minutes:.0}m would"
+            "a budget of {budget_s:.0} s is too short for {visits} visits to every cell, which take about {needed_s:.0} s (an interval \
+             takes {MIN_VISITS} visits): give --budget {minutes:.0}m"
         ));
     }
 

@@ -169,9 +169,9 @@ impl Schedule {
             let lacking = min_visits.saturating_sub(self.fewest_visits(unit));
             let new_s = self.cost_s(&self.batch(unit, 0));
             let is_new = usize::from(new_s > 0.0).min(lacking);
-            // The next visit waits for the latest one.
-            let visits = lacking + usize::from(self.visited_s(unit) > 0.0);
-            (new_s + self.later_s(unit, lacking - is_new), self.apart_s(unit, visits))
+            let own_s = new_s + self.later_s(unit, lacking - is_new);
+            // Each further visit waits for the one before.
+            (own_s, own_s + (lacking - is_new) as f64 * VISIT_S)
         });
         let (all_s, apart_s) = needed.fold((0.0, 0.0_f64), |a, b| (a.0 + b.0, a.1.max(b.1)));
         all_s.max(apart_s)

@@ -206,8 +206,8 @@ impl SweepRequest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_experiments::parse_axis;
-    use fathom_record::Profile;
+    use fathom_experiments::{CellPlan, Measure, parse_axis};
+    use fathom_record::{Cell, Measured, Profile};
 
     /// Of `PIPELINE SCENE AXIS…`.
     fn request(words: &str) -> SweepRequest {
@@ -242,6 +242,8 @@ mod tests {
             ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
             ("volume_ao plane caustics.grid=32,64", "which is one of underwater"),
             ("underwater plane caustics.buffer=32,64", "such as `[64, 64]`, not 32"),
+            ("volume_ao plane view=640x480,32", "give pairs, as in 1280x720, not 32"),
+            ("volume_ao plane view=640x480,0x32", "view.width is 0: it must lie within "),
             ("volume_ao plane voxel.resolution=32", "has one value: a sweep needs two"),
             ("volume_ao plane voxel.resolution=32,32", "has the value 32 twice"),
             ("volume_ao plane voxel.resolution=32,9999", "is 9999: it must lie within "),
@@ -266,6 +268,31 @@ mod tests {
         let camera = Some(vec![400.0, 95.0]);
         told(SweepRequest { camera, ..good() }, "an elevation within −90 … 90");
         told(SweepRequest { knee_share: f64::NAN, ..good() }, "must lie between 0 and 1");
+    }
+
+    /// Of a table of two parameters and of a list of two numbers.
+    #[test]
+    fn pairs_set_both_sides_and_are_read_as_their_area() {
+        for (words, path) in [
+            ("volume_ao plane view=64x48,128x96", "view"),
+            ("underwater plane caustics.buffer=64x48,128x96", "caustics.buffer"),
+        ] {
+            let experiment = request(words).experiment(&Catalog::builtin()).unwrap();
+            let cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
+            assert_eq!(cells[1].cell, format!("{path}=128x96"));
+            let mut subjects = Subjects::default();
+            let CellPlan { pipeline, scene, overrides, .. } = &cells[1];
+            let subject = subjects.subject(pipeline, scene, overrides).unwrap();
+            let sides = parameter::get(&subject.params, path).unwrap();
+            let sides = [
+                ["width", "height"].map(|side| sides[side].clone()),
+                [0, 1].map(|at| sides[at].clone()),
+            ];
+            assert!(sides.contains(&[json!(128), json!(96)]), "{sides:?}");
+            let cell = Cell { axes: cells[1].axes.clone(), ..Cell::default() };
+            let x: Measure = format!("axis:{path}").parse().unwrap();
+            assert_eq!(x.read(&cell, &Measured::default()).unwrap().median(), 128.0 * 96.0);
+        }
     }
 
     #[test]

@@ -10,6 +10,9 @@ mod faults;
 mod jobs;
 mod machine;
 mod page;
+#[allow(dead_code)]
+#[path = "../compare/stored.rs"]
+mod stored;
 mod tint;
 mod validation;
 mod vello_frames;

@@ -214,3 +214,22 @@ fn sizes_of_a_sweep_are_begun_together() {
     assert!(model.step(1e3) && model.step(1e3));
     assert_eq!(model.order(), [(0, 1), (1, 3)]);
 }
+
+/// What is foreseen after a first visit to each cell is what all visits of an interval take.
+#[test]
+fn a_budget_is_too_short_below_what_is_foreseen() {
+    let slow = Cost { frame_s: 1.0, ..USUAL };
+    for costs in [vec![vec![USUAL; 2], vec![USUAL; 3]], vec![vec![slow; 4], vec![slow; 2]]] {
+        let least = |budget_s: f64| {
+            let model = SimulatedRun::new(costs.clone(), &[1, 1]).run(budget_s);
+            model.schedule.all().map(|cell| cell.visits).min().unwrap()
+        };
+        let mut model = SimulatedRun::new(costs.clone(), &[1, 1]);
+        while model.schedule.all().any(|cell| cell.visits == 0) && model.step(1e3) {}
+        let needed_s = model.now_s + model.schedule.needed_s();
+        assert!(least(1.05 * needed_s) >= MIN_VISITS, "{needed_s} s");
+        assert!(least(0.85 * needed_s) < MIN_VISITS, "{needed_s} s");
+        while model.step(1e3) {}
+        assert_eq!(model.schedule.needed_s(), 0.0);
+    }
+}

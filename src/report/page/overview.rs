@@ -88,14 +88,13 @@ fn claim_marks(view: &Report<'_>) -> Markup {
     }
 }
 
-/// Sizes that readers ask for first, as the measures of plots name them: photons, voxels, pixels of the view.
-const FIRST_SIZES: [&str; 3] = ["photons", "voxel.resolution", "view.width"];
+/// Sizes that readers ask for first, in the words of measures.
+const FIRST_SIZES: [&str; 3] = ["photons", "voxels", "width of the picture"];
 
 /// Plots of times over the sizes that readers ask for first, then of the exponents over the widest ranges.
 fn scaling_plots(view: &Report<'_>) -> Option<Markup> {
-    let is_timed = |plot: &&Plot| {
-        plot.kind == PlotKind::Scaling && plot.y.iter().all(Measure::is_time)
-    };
+    let is_timed =
+        |plot: &&Plot| plot.kind == PlotKind::Scaling && plot.y.iter().all(Measure::is_time);
     let timed = view.sections.iter().flat_map(|section| {
         let experiment = section.experiment.iter().filter(|of| of.knee_share.is_none());
         let plots = experiment.flat_map(|experiment| &experiment.plot);

@@ -33,7 +33,7 @@ const FAULTS: &str = r#"
     }
 "#;
 
-fn faults(browser: &Browser) -> Value {
+pub fn faults(browser: &Browser) -> Value {
     browser.eval(&format!("{FAULTS} return faults"))
 }
 
