@@ -14,6 +14,7 @@ use crate::harness::figures::{ALL, PaperFigure};
 use crate::harness::subject::Subjects;
 use crate::parameter::{self, Allowed, ParamField};
 use crate::scene::SceneFile;
+use crate::scene::generators::{GENERATORS, fields};
 use crate::{exporters, print, text};
 
 /// One thing: short values in columns of their own, its description, and where it was published.
@@ -145,6 +146,7 @@ fn all_rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result
             stages.map(|s| Row::single("name", s.name, s.about).published_in(s.source)).collect()
         }
         Listing::Parameters => parameters(catalog, args)?,
+        Listing::Generators => generators(),
         Listing::Adapters => Gpu::list().into_iter().enumerate().map(adapter).collect(),
         Listing::Exporters => exporters::listing().into_iter().map(exporter).collect(),
         Listing::Pipelines => {
@@ -182,6 +184,34 @@ fn parameters(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
         Row { columns, about: field.about, source: None }
     };
     Ok((subject.kind.fields)().into_iter().map(row).collect())
+}
+
+/// Each generator of objects with the keys of its `params`, then those of volumes.
+fn generators() -> Vec<Row> {
+    let row = |name: &str, key: &str, values: [String; 3], about: &str| {
+        let [default, unit, allowed] = values.map(Value::from);
+        let names = [("generator", name.into()), ("key", key.into()), ("default", default)];
+        Row {
+            columns: names.into_iter().chain([("unit", unit), ("allowed", allowed)]).collect(),
+            about: about.to_owned(),
+            source: None,
+        }
+    };
+    let none = || [const { String::new() }; 3];
+    let objects = GENERATORS.iter().flat_map(|of| {
+        let param = |field: &ParamField| {
+            let default = of.defaults[&field.path].to_string();
+            row(
+                of.name,
+                &field.path,
+                [default, field.unit.to_owned(), allowed(&field.allowed)],
+                &field.about,
+            )
+        };
+        std::iter::once(row(of.name, "", none(), of.about)).chain(of.params.iter().map(param))
+    });
+    let volumes = fields::all().map(|of| row(of.name, "", none(), of.about));
+    objects.chain(volumes).collect()
 }
 
 fn allowed(allowed: &Allowed) -> String {

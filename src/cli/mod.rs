@@ -130,7 +130,7 @@ pub enum Command {
             times less precise; 2 no run is possible."
     )]
     Doctor(AnswerArgs),
-    /// List experiments, claims, figures, scenes, pipelines, stages, parameters, adapters or exporters
+    /// List experiments, claims, figures, scenes, pipelines, stages, parameters, adapters, exporters or generators
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
     Audit(AnswerArgs),
@@ -308,11 +308,12 @@ pub enum Listing {
     Pipelines,
     Exporters,
     Claims,
+    Generators,
 }
 
 #[derive(Args)]
 pub struct ListArgs {
-    /// What to list [default: everything but parameters and claims]
+    /// What to list [default: everything but parameters, claims and generators]
     pub what: Option<Listing>,
     /// Only rows that contain this
     pub filter: Option<String>,

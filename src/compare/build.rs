@@ -338,10 +338,12 @@ pub fn compile(
         Err(ProcessError::Interrupted) => bail!("building `{revision}` was interrupted"),
         Err(ProcessError::Failed { complaint, .. }) => {
             let said = complaint.lines().join("\n");
-            let is_other = NO_SUCH_PROGRAM.iter().any(|words| said.contains(words));
+            let name = format!("name = \"{}\"", target.package);
+            let is_other = NO_SUCH_PROGRAM.iter().any(|words| said.contains(words))
+                || git(source, &["grep", "-qF", &name, "--", "*Cargo.toml"]).is_err();
             ensure!(
                 !is_other,
-                "revision `{revision}` has no program `{}`, which is what `--base` builds: other programs are compared by --base-cmd and --head-cmd (docs/worker-protocol.md)",
+                "revision `{revision}` has no program `{}`, which is what `--base` builds: other programs are compared by --base-cmd and --head-cmd (docs/ci.md)",
                 target.binary
             );
             bail!("revision `{revision}` does not build; the compiler says:\n{said}")

@@ -158,10 +158,7 @@ impl SweepRequest {
             let x = format!("axis:{first}");
             json!({ "title": format!("Times over {first}"), "kind": "scaling", "over": first, "x": x, "y": y })
         };
-        let mut plots = vec![times, json!({ "title": "Stages of a frame", "kind": "stacked" })];
-        if let [first, second] = paths[..] {
-            plots.push(json!({ "title": "Frame time", "kind": "map", "columns": first, "rows": second, "y": ["frame"] }));
-        }
+        let plots = vec![times, json!({ "title": "Stages of a frame", "kind": "stacked" })];
         let of_axis = |SweptAxis { path, paths, values }: &SweptAxis| json!({ "name": path, "sets": paths, "values": values });
         let experiment = json!({
             "id": format!("sweep-{}", self.pipeline.replace('_', "-")),

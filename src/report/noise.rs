@@ -83,7 +83,7 @@ pub fn to_do(verdict: &RunVerdict) -> Option<String> {
         (place == 0 || figure.criterion != Criterion::Scatter).then(|| words(figure.criterion)[2])
     };
     let causes = verdict.exceeded().enumerate().filter_map(of_cause);
-    let visits = "add visits: resume the run with --budget 10m";
+    let visits = "add visits: --resume with a longer --budget, or a longer FrameClock::with_budget";
     let advice = causes.chain((!verdict.has_intervals()).then_some(visits)).join("; ");
     (!advice.is_empty()).then(|| format!("to do: {advice}"))
 }

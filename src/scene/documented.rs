@@ -1,10 +1,9 @@
-//! `docs/scenes.md`: tables of keys and generators are written from their declarations, by `FATHOM_BLESS=1`; of types that are no settings
+//! `docs/scenes.md`: tables of keys are written from their declarations, by `FATHOM_BLESS=1`; of types that are no settings
 //! the keys are checked.
 
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::generators::{GENERATORS, Generator, fields};
 use super::{Camera, Light, Material, ObjectFile, SceneFile, Transform, VolumeFile, Water, Wave};
 use fathom_base::parameter::{self, Allowed, ParamField, names_of};
 
@@ -49,26 +48,8 @@ fn with_rows(docs: &str, heading: &str, rows: &str) -> String {
     format!("{}{rows}{}", &docs[..first], &docs[end..])
 }
 
-/// The sections on generators as the program's own declarations have them.
-fn generator_sections() -> String {
-    let object = |g: &Generator| {
-        let params = rows(g.params.clone(), &g.defaults);
-        let params: String = params.lines().map(|row| format!("| {row}\n")).collect();
-        format!("| `{}` | | | | | {} |\n{params}", g.name, g.about)
-    };
-    let objects: String = GENERATORS.iter().map(object).collect();
-    let row = |g: &fields::FieldGenerator| format!("| `{}` | {} |\n", g.name, g.about);
-    let volumes: String = fields::all().map(row).collect();
-    format!(
-        "## Generators of objects\n\nOf an `[[object]]`; the keys are those of its `params`.\n\n\
-         | generator | key | unit | range | default | meaning |\n|---|---|---|---|---|---|\n{objects}\n\
-         ## Generators of volumes\n\nOf a `[volume]`; each is a field over a box whose longest edge is 1.\n\n\
-         | generator | meaning |\n|---|---|\n{volumes}"
-    )
-}
-
 #[test]
-fn keys_and_generators_are_documented_as_they_are_declared() {
+fn keys_are_documented_as_they_are_declared() {
     let found = std::fs::read_to_string(PATH).unwrap();
     let up = json!({ "up": Camera::new([0.0; 3], [1.0; 3], 60.0, [0.1, 1.0]).up });
     let tables = [
@@ -79,8 +60,7 @@ fn keys_and_generators_are_documented_as_they_are_declared() {
         ("`[object.transform]`", rows(parameter::fields::<Transform>(), &Transform::default())),
         ("`[object.material]`", rows(parameter::fields::<Material>(), &Material::default())),
     ];
-    let start = found.find("## Generators of objects").expect("a section on generators");
-    let mut expected = format!("{}{}", &found[..start], generator_sections());
+    let mut expected = found.clone();
     for (heading, rows) in &tables {
         expected = with_rows(&expected, heading, rows);
     }
@@ -98,6 +78,6 @@ fn keys_and_generators_are_documented_as_they_are_declared() {
     for (heading, keys) in keys {
         assert_eq!(documented(&found, heading), keys, "{heading}");
     }
-    let sections = tables.len() + 3 + 2;
+    let sections = tables.len() + 3 + 1;
     assert_eq!(found.matches("\n## ").count(), sections, "a section that no type stands for");
 }

@@ -269,6 +269,43 @@ fn what_the_action_cannot_do_is_told_and_no_name_is_run() {
     assert!(project.0.read(COMMENT).starts_with(nothing));
 }
 
+/// The workflow of docs/ci.md in a repository of a wgpu program with a worker by `fathom-clock`. What its times say depends on the machine.
+#[test]
+fn the_job_of_another_wgpu_project_compares_its_workers_and_comments() {
+    let docs = fs::read_to_string(root().join("docs/ci.md")).unwrap();
+    let (_, section) = docs.split_once("### Another wgpu project").unwrap();
+    let project = Project::new();
+    let job =
+        project.0.write("job.yml", section.split("```").nth(1).unwrap().trim_start_matches("yaml"));
+    let steps = yaml(&job)["jobs"]["compare"]["steps"].take();
+    let mut with = steps[2]["with"].clone();
+    (with["launches"], with["gates"]) = (json!("1"), json!("time"));
+    // cargo hands out the worker that is built already.
+    let worker = Path::new(env!("CARGO_BIN_EXE_fathom")).with_file_name("worker");
+    let cargo = project.0.read("bin/cargo");
+    let build = with["build"].as_str().unwrap().strip_prefix("cargo ").unwrap();
+    let of_worker = format!(
+        "#!/bin/sh\nif [ \"$*\" = '{build}' ]; then mkdir -p target/release && exec ln -sf '{}' target/release/worker; fi\n",
+        worker.display()
+    );
+    executable(&project.0, "bin/cargo", &cargo.replacen("#!/bin/sh\n", &of_worker, 1));
+    fs::copy(root().join("examples/own_program/cells.toml"), project.0.path("project/cells.toml"))
+        .unwrap();
+    project.0.write("project/Cargo.toml", "[package]\nname = \"own_program\"\n");
+    project.commit("project");
+    project.commit("project");
+    let (status, printed, output) = project.action(&with);
+    assert!(status == 0 && ["0", "3"].contains(&&*output) || status == 1, "{status}: {printed}");
+    holds(&project.0.read(COMMENT), &["fathom compare: ", "6 cells: "]);
+    let page = project.0.read("project/compare/summary.md");
+    holds(&page, &["ripple", "blur", "shade"]);
+    let fathom = env!("CARGO_BIN_EXE_fathom");
+    let refused =
+        project.script(&format!("PATH=${{PATH#*:}} '{fathom}' compare --base HEAD")).ends(2).err;
+    let error = refused.lines().last().unwrap();
+    holds(error, &["has no program `fathom`, which is what `--base` builds", "docs/ci.md"]);
+}
+
 /// A pull request is compared with the commit where it and its target part, however the job has checked it out.
 #[test]
 fn a_pull_request_is_compared_with_where_it_parts_from_its_target() {

@@ -133,7 +133,8 @@ pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
     let input = PlotInput::new(section)?.select(plot);
     let chart = LineCharts::new(plot, &input)?.into_single()?;
     let about = format!("{}: {}", section.id, plot.title);
-    let size_px = (SMALL_PX.0, SMALL_PX.1.max(chart.ends_px()));
+    let title_px = style::width_px(&chart.y_title, style::LABEL_PX) + 60;
+    let size_px = (SMALL_PX.0, SMALL_PX.1.max(chart.ends_px()).max(title_px));
     let svg = || drawing(size_px, &about, |area| chart.draw_with_names(area));
     (size_px.1 <= MAX_SMALL_PX).then(svg)
 }
