@@ -278,9 +278,34 @@ pub fn families<'a>(stages: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
     stages.into_iter().map(family).unique().collect()
 }
 
+/// A key that sorts sizes within names as numbers: `n=8` before `n=16`, `0.25` before `0.5`.
+pub fn sort_key(name: &str) -> String {
+    let mut key = String::new();
+    for (is_number, run) in &name.chars().chunk_by(char::is_ascii_digit) {
+        let run: String = run.collect();
+        key += &if is_number && !key.ends_with('.') { format!("{run:0>20}") } else { run };
+    }
+    key
+}
+
+/// `2.50` as `2.5`, `1.00` as `1`.
+pub fn trim_zeros(text: &str) -> &str {
+    if text.contains('.') && !text.contains('e') {
+        text.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        text
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sizes_within_names_sort_as_numbers() {
+        let names = ["n=0.25,m=8", "n=0.5", "n=8,m=2", "n=8,m=16", "n=16", "n=128x64"];
+        assert!(names.is_sorted_by_key(|name| sort_key(name)));
+    }
 
     #[test]
     fn slips_of_typing_are_found_in_short_names_too() {

@@ -188,29 +188,23 @@ fn parameters(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
 
 /// Each generator of objects with the keys of its `params`, then those of volumes.
 fn generators() -> Vec<Row> {
-    let row = |name: &str, key: &str, values: [String; 3], about: &str| {
-        let [default, unit, allowed] = values.map(Value::from);
-        let names = [("generator", name.into()), ("key", key.into()), ("default", default)];
-        Row {
-            columns: names.into_iter().chain([("unit", unit), ("allowed", allowed)]).collect(),
-            about: about.to_owned(),
-            source: None,
-        }
+    let row = |name: &str, [key, default, unit, allowed]: [String; 4], about: &str| {
+        let values = [("key", key), ("default", default), ("unit", unit), ("allowed", allowed)];
+        let values = [("generator", name.to_owned())].into_iter().chain(values);
+        let columns = values.map(|(name, value)| (name, value.into())).collect();
+        Row { columns, about: about.to_owned(), source: None }
     };
-    let none = || [const { String::new() }; 3];
     let objects = GENERATORS.iter().flat_map(|of| {
         let param = |field: &ParamField| {
             let default = of.defaults[&field.path].to_string();
-            row(
-                of.name,
-                &field.path,
-                [default, field.unit.to_owned(), allowed(&field.allowed)],
-                &field.about,
-            )
+            let values =
+                [field.path.clone(), default, field.unit.to_owned(), allowed(&field.allowed)];
+            row(of.name, values, &field.about)
         };
-        std::iter::once(row(of.name, "", none(), of.about)).chain(of.params.iter().map(param))
+        std::iter::once(row(of.name, Default::default(), of.about))
+            .chain(of.params.iter().map(param))
     });
-    let volumes = fields::all().map(|of| row(of.name, "", none(), of.about));
+    let volumes = fields::all().map(|of| row(of.name, Default::default(), of.about));
     objects.chain(volumes).collect()
 }
 

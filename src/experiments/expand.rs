@@ -76,8 +76,8 @@ pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> 
 /// The values from the first to the last of `64..512*2` or `0..8+2`; any other text alone.
 fn expand_range(text: String) -> Result<Vec<String>, ExperimentError> {
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
-    let Some((low, rest)) = text.split_once("..") else { return Ok(vec![text]) };
-    let Some(low) = number(low) else { return Ok(vec![text]) };
+    let range = text.split_once("..").and_then(|(low, rest)| Some((number(low)?, rest)));
+    let Some((low, rest)) = range else { return Ok(vec![text]) };
     let range = rest.find(['*', '+']).and_then(|at| {
         let (high, step) = (number(&rest[..at])?, number(&rest[at + 1..])?);
         let is_factor = rest.as_bytes()[at] == b'*';

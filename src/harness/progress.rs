@@ -43,16 +43,8 @@ impl Progress {
             .unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::with_draw_target(Some(STEPS), target).with_style(style);
         let (finished, claims) = (BTreeSet::new(), BTreeMap::new());
-        Self {
-            bar,
-            start,
-            budget_s,
-            cells,
-            finished,
-            claims,
-            visits: None,
-            last_printed: Instant::now(),
-        }
+        let last_printed = start;
+        Self { bar, start, budget_s, cells, finished, claims, visits: None, last_printed }
     }
 
     /// A cell's pipeline is about to be built.
@@ -76,12 +68,11 @@ impl Progress {
     /// A cell has a record. What went wrong is told at once.
     pub fn finished(&mut self, cell: &Cell) {
         self.finished.insert((cell.experiment.clone(), cell.cell.clone()));
-        let (what, reason) = match &cell.outcome {
-            Outcome::Measured(_) | Outcome::OverBudget => return,
-            Outcome::Skipped { reason } => ("skipped", reason),
-            Outcome::Failed { reason } => ("failed", reason),
-        };
-        let line = text::line(&format!("{} {}: {what}: {reason}", cell.experiment, cell.cell));
+        if matches!(cell.outcome, Outcome::Measured(_) | Outcome::OverBudget) {
+            return;
+        }
+        let why = cell.outcome.words().join(": ");
+        let line = text::line(&format!("{} {}: {why}", cell.experiment, cell.cell));
         if self.bar.is_hidden() { print::note(line) } else { self.bar.println(line) }
     }
 

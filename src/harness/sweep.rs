@@ -10,6 +10,7 @@ use super::catalog::Catalog;
 use super::subject::{Subject, Subjects};
 use fathom_base::{parameter, text};
 use fathom_experiments::{Experiment, parse_set};
+use fathom_record::Profile;
 use fathom_scene::Camera;
 
 /// The `source` of an experiment that a sweep made.
@@ -38,26 +39,6 @@ pub struct SweepRequest {
     pub command: String,
 }
 
-/// A parameter and its values, or a table of two parameters and pairs.
-struct SweptAxis {
-    path: String,
-    /// The table's parameters; empty where `path` is one.
-    paths: Vec<String>,
-    values: Vec<Value>,
-}
-
-impl SweptAxis {
-    /// What a value sets.
-    fn sets(&self, value: &Value) -> Vec<(String, Value)> {
-        match value {
-            Value::Array(sides) if !self.paths.is_empty() => {
-                self.paths.iter().cloned().zip(sides.iter().cloned()).collect()
-            }
-            _ => vec![(self.path.clone(), value.clone())],
-        }
-    }
-}
-
 impl SweepRequest {
     /// The experiment that it stands for. Each value of each axis is checked; nothing is measured.
     ///
@@ -68,15 +49,13 @@ impl SweepRequest {
         let mut subjects = Subjects::new(catalog).silent();
         let base = subjects.params(kind, &self.scene, &self.sets)?;
         self.check_axes(&base)?;
-        for axis in self.parsed_axes(&base)? {
-            for value in &axis.values {
-                let set = self.sets.iter().cloned().chain(axis.sets(value));
-                subjects.params(kind, &self.scene, &set.collect_vec())?;
-            }
-        }
         let subject = subjects.subject(&self.pipeline, &self.scene, &self.sets)?;
         let text = self.toml(&subject, &self.parsed_axes(&base)?)?;
-        Ok(Experiment::parse("sweep", &text)?)
+        let experiment = Experiment::parse("sweep", &text)?;
+        for cell in experiment.cells(Profile::Quick, &[], &[])? {
+            subjects.params(kind, &self.scene, &cell.overrides)?;
+        }
+        Ok(experiment)
     }
 
     fn check_axes(&self, params: &Value) -> Result<()> {
@@ -110,39 +89,40 @@ impl SweepRequest {
         Ok(())
     }
 
-    fn parsed_axes(&self, params: &Value) -> Result<Vec<SweptAxis>> {
+    /// As experiments have them. A pair such as `1280x720` is given to the two parameters of a table, or to a list.
+    fn parsed_axes(&self, params: &Value) -> Result<Vec<Value>> {
         let axis = |(path, texts): &(String, Vec<String>)| {
-            let table = parameter::get(params, path).filter(|value| value.is_object());
+            let swept = parameter::get(params, path);
+            let table = swept.filter(|value| value.is_object());
             let sides = table.map_or_else(Vec::new, parameter::leaves).into_iter();
             let paths = sides.map(|side| format!("{path}.{side}")).collect_vec();
-            let is_pair =
-                !paths.is_empty() || parameter::get(params, path).is_some_and(Value::is_array);
+            let is_pair = table.is_some() || swept.is_some_and(Value::is_array);
             let value = |text: &String| {
                 let numbers = || text.split('x').map(|side| Some(json!(side.parse::<u32>().ok()?)));
                 match numbers().collect::<Option<Vec<Value>>>().filter(|_| is_pair) {
                     Some(pair) if pair.len() == 2 => Ok(pair.into()),
-                    _ if paths.is_empty() => Ok(parse_set(&format!("{path}={text}"))?.1),
+                    _ if table.is_none() => Ok(parse_set(&format!("{path}={text}"))?.1),
                     _ => bail!(
                         "`{path}` is {}: give pairs, as in 1280x720, not {text}",
                         paths.join(" and ")
                     ),
                 }
             };
-            let values = texts.iter().map(value).collect::<Result<_>>()?;
-            Ok(SweptAxis { path: path.clone(), paths, values })
+            let values = texts.iter().map(value).collect::<Result<Vec<Value>>>()?;
+            Ok(json!({ "name": path, "sets": paths, "values": values }))
         };
         self.axes.iter().map(axis).collect()
     }
 
-    fn toml(&self, subject: &Subject, axes: &[SweptAxis]) -> Result<String> {
-        let paths = axes.iter().map(|axis| axis.path.as_str()).collect_vec();
+    fn toml(&self, subject: &Subject, axes: &[Value]) -> Result<String> {
+        let paths = self.axes.iter().map(|(path, _)| path.as_str()).collect_vec();
         let (first, over) = (paths[0], paths.join(" and "));
         let mut params: Map<String, Value> = self.sets.iter().cloned().collect();
         params.extend(self.camera(subject)?);
         let is_free = |path: &str| {
             let is_swept =
-                |axis: &SweptAxis| axis.path == path || axis.paths.iter().any(|of| of == path);
-            let is_chosen = params.contains_key(path) || axes.iter().any(is_swept);
+                paths.iter().any(|axis| path == *axis || path.starts_with(&format!("{axis}.")));
+            let is_chosen = params.contains_key(path) || is_swept;
             !is_chosen && parameter::get(&subject.params, path).is_some()
         };
         let quick = QUICK_VIEW.into_iter().filter(|(path, _)| is_free(path));
@@ -150,7 +130,11 @@ impl SweepRequest {
             quick.map(|(path, px)| (path.to_owned(), px.into())).collect();
         let stages = subject.plan()?.stages;
         let stages = stages.iter().map(|stage| format!("stage:{}", stage.name)).unique();
-        let is_category = axes[0].values.iter().any(|v| v.is_string() || v.is_boolean());
+        let is_category = axes[0]["values"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .any(|v| v.is_string() || v.is_boolean());
         let times = if is_category {
             json!({ "title": format!("Frame time by {first}"), "kind": "bars", "over": first, "y": ["frame"] })
         } else {
@@ -159,7 +143,6 @@ impl SweepRequest {
             json!({ "title": format!("Times over {first}"), "kind": "scaling", "over": first, "x": x, "y": y })
         };
         let plots = vec![times, json!({ "title": "Stages of a frame", "kind": "stacked" })];
-        let of_axis = |SweptAxis { path, paths, values }: &SweptAxis| json!({ "name": path, "sets": paths, "values": values });
         let experiment = json!({
             "id": format!("sweep-{}", self.pipeline.replace('_', "-")),
             "title": format!("{} over {over}", self.pipeline),
@@ -172,7 +155,7 @@ impl SweepRequest {
             "error_picture": true,
             "params": params,
             "profile": { "quick": { "params": quick } },
-            "sweep": [{ "axis": axes.iter().map(of_axis).collect_vec() }],
+            "sweep": [{ "axis": axes }],
             "plot": plots,
         });
         let text = toml::to_string(&experiment)?;
@@ -204,7 +187,7 @@ impl SweepRequest {
 mod tests {
     use super::*;
     use fathom_experiments::{CellPlan, Measure, parse_axis};
-    use fathom_record::{Cell, Measured, Profile};
+    use fathom_record::{Cell, Measured};
 
     /// Of `PIPELINE SCENE AXIS…`.
     fn request(words: &str) -> SweepRequest {

@@ -13,7 +13,7 @@ use super::History;
 use super::origin::{DIRTY, places};
 use super::run::{FigureKey, NANOSECONDS, Name, shorten};
 use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
-use fathom_base::text::line;
+use fathom_base::text::{line, sort_key};
 use fathom_record::{Estimate, Interval};
 use fathom_report::format::NS_PER_MS;
 
@@ -118,7 +118,7 @@ pub struct RunValue {
 #[derive(Clone, Debug, Default)]
 pub struct StoredRuns {
     pub runs: Vec<StoredRun>,
-    /// Sorted by key; none is empty.
+    /// Sorted by key, sizes in names of cells as numbers; none is empty.
     pub series: Vec<FigureSeries>,
     /// Figures that no commit changes.
     pub controls: Vec<FigureSeries>,
@@ -184,7 +184,11 @@ impl History {
                 FigureSeries { key: SeriesKey { branch, machine, figure }, points }
             }));
         }
-        all.sort_unstable_by(|a, b| a.key.cmp(&b.key));
+        all.sort_by_cached_key(|series| {
+            let mut key = series.key.clone();
+            key.figure.cell = sort_key(&key.figure.cell).into();
+            key
+        });
         let (controls, series): (Vec<FigureSeries>, Vec<FigureSeries>) =
             all.into_iter().partition(|series| selection.is_control(&series.key.figure));
         if let Some(control) = selection.control.as_ref().filter(|_| controls.is_empty()) {

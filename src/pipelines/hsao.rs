@@ -10,9 +10,9 @@ use super::occlusion::{OcclusionBuffers, RayModel};
 use super::{CountedReads, Pipeline, PipelineInstance, settings, to_map};
 use fathom_gpu::kit::Resources;
 use fathom_gpu::{Gpu, GpuError};
-use fathom_record::ceilings::Reads;
 use fathom_scene::Scene;
 use fathom_stages::bilateral::Window;
+use fathom_stages::counters;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::hsao::filter;
 use fathom_stages::hsao::march::{self, HorizonUniforms};
@@ -80,18 +80,13 @@ impl PipelineInstance for Hsao {
         Ok(to_map([("samples_per_pixel_most", self.uniforms.samples_per_pixel() as f64)]))
     }
 
-    /// `samples_per_pixel` as taken by the pixels of the occlusion buffer where something was drawn; `covered_share` of its pixels.
     fn counted_reads(&self, gpu: &Gpu) -> Result<Option<CountedReads>, GpuError> {
-        let (shared, gbuffer) = (&self.seen.shared, &self.buffers.gbuffer);
-        let counts = march::count(gpu, shared, gbuffer, &self.uniforms, self.hard)?;
-        let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
-        let covered = counts.fragments as f64;
-        let quantities = to_map([
-            ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
-            ("covered_share", covered / pixels),
-        ]);
-        let reads = Reads { texels: counts.samples, volume_texels: 0 };
-        Ok(Some(CountedReads { stage: march::INFO.name, reads, quantities }))
+        let (shared, gbuffer, uniforms) =
+            (&self.seen.shared, &self.buffers.gbuffer, &self.uniforms);
+        let counts = counters::count(gpu, |resources, counters| {
+            march::new(resources, shared, gbuffer, uniforms, self.hard, Some(counters))
+        })?;
+        Ok(Some(CountedReads::of_buffer(march::INFO.name, counts, uniforms.size_px)))
     }
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {

@@ -265,6 +265,23 @@ pub struct CountedReads {
     pub quantities: BTreeMap<String, f64>,
 }
 
+impl CountedReads {
+    /// Of a stage over the depth buffer: samples, and fragments of the occlusion buffer where something was drawn. `samples_per_pixel` is of
+    /// these, `covered_share` is theirs of all.
+    fn of_buffer(
+        stage: &'static str,
+        [samples, fragments]: [u64; 2],
+        size_px: glam::UVec2,
+    ) -> Self {
+        let covered = fragments as f64;
+        let quantities = to_map([
+            ("samples_per_pixel", samples as f64 / covered.max(1.0)),
+            ("covered_share", covered / size_px.as_dvec2().element_product()),
+        ]);
+        Self { stage, reads: Reads { texels: samples, volume_texels: 0 }, quantities }
+    }
+}
+
 #[derive(Default)]
 pub struct Errors {
     pub errors: Vec<ErrorFigure>,

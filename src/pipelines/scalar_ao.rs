@@ -15,7 +15,7 @@ use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
 use fathom_stages::Stage;
-use fathom_stages::ray_cast::Cast;
+use fathom_stages::ray_cast::{self, Cast};
 use fathom_stages::scalar;
 use fathom_stages::scalar_field::ScalarField;
 use fathom_stages::uniforms::Shared;
@@ -124,14 +124,14 @@ pub fn cast(
     r_max_m: f64,
 ) -> Result<Stage<Cast>, GpuError> {
     let march = &settings.uniforms(size_px, field.voxel_m, r_max_m);
-    let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
+    // With Beer's law values are densities (Eq. 5), else opacities (Eq. 7). Rejection: Eq. 4.
+    let defs = [("BEER", settings.law == Law::Beer), ("REJECTION", settings.rejection)];
+    let medium = |info| ray_cast::new(resources, info, shared, field, &defs, false, march);
     match settings.mode {
         Mode::Isosurface => {
             scalar::isosurface::new(resources, shared, field, march, settings.surface_rays())
         }
-        Mode::Direct => scalar::direct::new(resources, shared, field, march, beer, rejection),
-        Mode::Positional => {
-            scalar::positional::new(resources, shared, field, march, beer, rejection)
-        }
+        Mode::Direct => medium(&scalar::direct::INFO),
+        Mode::Positional => medium(&scalar::positional::INFO),
     }
 }

@@ -345,6 +345,18 @@ pub struct Begun {
     pub cell: String,
 }
 
+impl Outcome {
+    /// What became of the cell, and why; empty where it was measured.
+    pub fn words(&self) -> [&str; 2] {
+        match self {
+            Outcome::Measured(_) => ["measured", ""],
+            Outcome::Skipped { reason } => ["skipped", reason],
+            Outcome::Failed { reason } => ["failed", reason],
+            Outcome::OverBudget => ["not run", "budget"],
+        }
+    }
+}
+
 /// What became of a cell.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "status", rename_all = "snake_case")]

@@ -11,8 +11,8 @@ use fathom_base::statistics::{mean, median, quantile};
 use fathom_base::text;
 use fathom_experiments::label_text;
 use fathom_record::{
-    Build, CeilingShare, Cell, ErrorFigure, Estimate, Fenced, Interval, Measured, Outcome, Run,
-    StageRecord, Throttling, Work, machine,
+    Build, CeilingShare, Cell, ErrorFigure, Estimate, Fenced, Interval, Measured, Run, StageRecord,
+    Throttling, Work, machine,
 };
 
 pub const EXPORTER: RunExporter = Exporter {
@@ -45,8 +45,8 @@ const CELL_COLUMNS: [(&str, CellField); 14] = [
         run_field(entry, |run| run.build.as_ref().map(Build::to_string).unwrap_or_default())
     }),
     ("started_at", |entry| run_field(entry, |run| run.started_at.clone())),
-    ("status", |entry| status(entry)[0].to_owned()),
-    ("reason", |entry| status(entry)[1].to_owned()),
+    ("status", |entry| entry.cell.outcome.words()[0].to_owned()),
+    ("reason", |entry| entry.cell.outcome.words()[1].to_owned()),
 ];
 
 /// No figures of a time that is below the resolution, which then stands alone.
@@ -182,15 +182,6 @@ fn run_field(entry: &RunCell<'_>, field: fn(&Run) -> String) -> String {
 }
 
 /// What became of a cell, and why.
-fn status<'e>(entry: &'e RunCell<'_>) -> [&'e str; 2] {
-    match &entry.cell.outcome {
-        Outcome::Measured(_) => ["measured", ""],
-        Outcome::Skipped { reason } => ["skipped", reason],
-        Outcome::Failed { reason } => ["failed", reason],
-        Outcome::OverBudget => ["not run", "budget"],
-    }
-}
-
 fn resolved(stage: &StageRecord) -> Estimate {
     if stage.is_resolved() { stage.time } else { Estimate::default() }
 }

@@ -18,7 +18,7 @@ use fathom_judge::matched_cells::{MatchedCells, redefinition};
 use fathom_judge::run::Noise;
 use fathom_judge::verdict::{Status, Verdicts};
 use fathom_record::comparison::{CellId, Gate, Side};
-use fathom_record::{Adapter, Cell, Measured, OVER_BUDGET, Outcome, Run};
+use fathom_record::{Adapter, Cell, Measured, Run};
 
 /// Rows of a block; the rest is counted.
 const MAX_ROWS: usize = 8;
@@ -284,11 +284,7 @@ fn identity(run: &Run) -> Vec<RunFact> {
 }
 
 fn cells_block(cells: &MatchedCells<'_>) -> Vec<Block> {
-    let reason = |cell: &Cell| match &cell.outcome {
-        Outcome::Skipped { reason } | Outcome::Failed { reason } => reason.clone(),
-        Outcome::OverBudget => OVER_BUDGET.to_owned(),
-        Outcome::Measured(_) => String::new(),
-    };
+    let reason = |cell: &Cell| cell.outcome.words().join(": ");
     let name_with = |cell, why: String| format!("{} ({why})", cell_name(cell));
     let pairs = |measured: [bool; 2]| {
         let is_so =

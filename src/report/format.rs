@@ -1,5 +1,6 @@
 //! Numbers as text.
 
+pub use fathom_base::text::trim_zeros;
 use fathom_record::{Estimate, Interval, StageRecord};
 
 pub const NS_PER_MS: f64 = 1e6;
@@ -16,7 +17,8 @@ pub fn three(value: f64) -> String {
         size if size >= 10.0 => format!("{value:.1}"),
         size if size >= 1.0 => format!("{value:.2}"),
         size if size >= 0.1 => format!("{value:.3}"),
-        size if size >= 0.001 => format!("{value:.4}"),
+        size if size >= 0.01 => format!("{value:.4}"),
+        size if size >= 0.001 => format!("{value:.5}"),
         _ => format!("{value:.2e}"),
     }
 }
@@ -59,15 +61,6 @@ pub fn si(value: f64) -> String {
         _ => (value, ""),
     };
     format!("{}{prefix}", trim_zeros(&three(scaled)))
-}
-
-/// `2.50` as `2.5`, `1.00` as `1`.
-pub fn trim_zeros(text: &str) -> &str {
-    if text.contains('.') && !text.contains('e') {
-        text.trim_end_matches('0').trim_end_matches('.')
-    } else {
-        text
-    }
 }
 
 /// `1 cell`, `3 cells`.

@@ -12,7 +12,7 @@ use super::{Report, Section};
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, Measure, Quantity, groups, label_text, scaling};
 use fathom_judge::knees::{Knee, KneeBracket, ShareAt, change_of_exponent, crossing};
-use fathom_record::{Cell, ErrorFigure, Measured, Outcome, PictureKind, StageRecord};
+use fathom_record::{Cell, ErrorFigure, Measured, PictureKind, StageRecord};
 
 /// Stages that stay below this share of the frame at every size stand in one row, and in no plot.
 pub const SMALL_SHARE: f64 = 0.05;
@@ -108,22 +108,21 @@ impl<'v> Sizes<'v> {
             rows.extend(small.iter().flat_map(|stage| self.errors(stage)));
         }
         rows.push(self.row("whole frame", |measured| Some(format::ms(&measured.frame.untimed))));
-        let mebibytes = |measured: &Measured| three(measured.allocated_bytes as f64 / MIB);
-        rows.push(self.row("GPU memory (MiB)", |measured| Some(mebibytes(measured))));
+        rows.push(self.row("GPU memory", |of| Some(format::mebibytes(of.allocated_bytes))));
         let numbers = values.iter().map(String::as_str).collect_vec();
         let table = Table::new("Stage times", titles).with(ColumnKind::Numbers, &numbers);
         let pictures = [("picture", PictureKind::Image), ("its error", PictureKind::Error)];
         let pictures = pictures.map(|(name, kind)| {
-            let drawn = self.columns().map(|(cell, _)| picture(cell, kind)).collect_vec();
-            let field =
-                |one: Option<Markup>| one.map_or_else(Line::default, |one| Span::Drawn(one).into());
-            let is_there = drawn.iter().any(Option::is_some);
-            is_there.then(|| {
-                std::iter::once(name.into()).chain(drawn.into_iter().map(field)).collect_vec()
-            })
+            let drawn = self
+                .columns()
+                .map(|(cell, _)| Line(picture(cell, kind).map(Span::Drawn).into_iter().collect()));
+            let row = std::iter::once(Line::from(name)).chain(drawn).collect_vec();
+            row.iter()
+                .any(|of| of.0.iter().any(|span| matches!(span, Span::Drawn(_))))
+                .then_some(row)
         });
-        let left =
-            self.cells.iter().filter_map(|cell| Some(format!("{}: {}", cell.cell, why(cell)?)));
+        let left = self.cells.iter().filter(|cell| cell.measured().is_none());
+        let left = left.map(|cell| format!("{}: {}", cell.cell, cell.outcome.words().join(": ")));
         let left = left.map(Block::paragraph).collect_vec();
         let table = table.with_rows(rows).with_rows(pictures.into_iter().flatten());
         [self.title("times"), Block::Table(table)].into_iter().chain(left).collect()
@@ -233,8 +232,6 @@ pub fn is_small(measured: &Measured, stage: &str) -> bool {
     stage.is_none_or(|stage| shares(measured, stage)[1].median() < SMALL_SHARE)
 }
 
-const MIB: f64 = (1 << 20) as f64;
-
 /// A stage's share of the sum of all, frame by frame, at least and at most.
 fn shares(measured: &Measured, stage: &StageRecord) -> [Quantity; 2] {
     let frames = measured.stages.iter().map(|of| of.samples_ns.len()).min().unwrap_or(0);
@@ -251,16 +248,6 @@ fn shares(measured: &Measured, stage: &StageRecord) -> [Quantity; 2] {
     };
     let (min, max): (Vec<f64>, Vec<f64>) = (0..frames).map(share).unzip();
     [min, max].map(|shares| Quantity::from_frames(&measured.frame, &shares))
-}
-
-/// Why a cell has no column.
-fn why(cell: &Cell) -> Option<String> {
-    match &cell.outcome {
-        Outcome::Measured(_) => None,
-        Outcome::Skipped { reason } => Some(format!("skipped: {reason}")),
-        Outcome::Failed { reason } => Some(format!("failed: {reason}")),
-        Outcome::OverBudget => Some(fathom_record::OVER_BUDGET.to_owned()),
-    }
 }
 
 /// `181 (128 – 256)`

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::FrameClock;
 use fathom_base::visits::MIN_VISITS;
-use fathom_record::{Cell, Estimate, Interval, OVER_BUDGET, Outcome, PassKind, StageRecord};
+use fathom_record::{Cell, Estimate, Interval, PassKind, StageRecord};
 
 /// The clock of each kind of pass with the audit's reason where timestamps are unsound, and each ended cell: times with their
 /// 95 % intervals, and notes.
@@ -26,12 +26,8 @@ impl fmt::Display for FrameClock {
 
 fn write_cell(f: &mut fmt::Formatter<'_>, cell: &Cell) -> fmt::Result {
     writeln!(f, "\n{} {}", cell.experiment, cell.cell)?;
-    let measured = match &cell.outcome {
-        Outcome::Measured(measured) => measured,
-        Outcome::Skipped { reason } | Outcome::Failed { reason } => {
-            return writeln!(f, "  failed: {reason}");
-        }
-        Outcome::OverBudget => return writeln!(f, "  {OVER_BUDGET}"),
+    let Some(measured) = cell.measured() else {
+        return writeln!(f, "  {}", cell.outcome.words().join(": "));
     };
     for stage in &measured.stages {
         writeln!(f, "  {:<20} {}", stage.stage, stage_time(stage))?;

@@ -3,6 +3,7 @@
 use super::{EARLIER_LOOKS, Verdict};
 use crate::measure::Quantity;
 use fathom_base::statistics::{ALPHA, Interval};
+use fathom_base::text::trim_zeros;
 use fathom_base::visits::{MIN_SPAN_S, MIN_VISITS, Scale};
 
 /// Figures that a reason names one by one.
@@ -251,15 +252,7 @@ impl RuledFigure {
     /// The band: `0.9 – 1.1`, `at most 1`; of a figure that is not negative also where it begins at 0.
     pub fn limits(&self) -> String {
         let Interval { low, high } = self.band;
-        let bound = |bound: f64| {
-            let digits = number(bound);
-            let whole = digits.contains('.') && !digits.contains('e');
-            if whole {
-                digits.trim_end_matches('0').trim_end_matches('.').to_owned()
-            } else {
-                digits
-            }
-        };
+        let bound = |bound: f64| trim_zeros(&number(bound)).to_owned();
         let is_signed = self.interval.map_or(self.value, |interval| interval.low) < 0.0;
         match (low.is_finite() && (low != 0.0 || is_signed), high.is_finite()) {
             (true, true) => format!("{} – {}", bound(low), bound(high)),

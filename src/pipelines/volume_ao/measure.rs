@@ -10,6 +10,7 @@ use fathom_record::ceilings::Reads;
 use fathom_scene::Scene;
 use fathom_stages::ao::march;
 use fathom_stages::ao::query::{self, SurfacePoint};
+use fathom_stages::counters;
 use fathom_stages::geometry::Geometry;
 use std::collections::BTreeMap;
 
@@ -42,18 +43,21 @@ impl PipelineInstance for VolumeAo {
         let buffer_px = [raw.width(), raw.height()];
         let seen = (gbuffer, self.view_projection);
         let shared = &self.seen.shared;
-        let counts = march::count(gpu, shared, &self.volumes, seen, &self.marching, buffer_px)?;
+        let (volumes, marching) = (&self.volumes, &self.marching);
+        let [samples, lookups, _fragments] = counters::count(gpu, |resources, counters| {
+            march::new(resources, shared, volumes, seen, marching, buffer_px, Some(counters))
+        })?;
         let pixels = self.covered_share(gpu)? * f64::from(buffer_px[0]) * f64::from(buffer_px[1]);
         let per_pixel = |count: u64| count as f64 / pixels.max(1.0);
         let mut figures = vec![
-            ("samples_per_pixel_mean", per_pixel(counts.samples)),
-            ("reads_per_pixel_mean", per_pixel(counts.samples + counts.lookups)),
+            ("samples_per_pixel_mean", per_pixel(samples)),
+            ("reads_per_pixel_mean", per_pixel(samples + lookups)),
         ];
         if self.marching.skipping {
-            figures.push(("lookups_per_pixel_mean", per_pixel(counts.lookups)));
+            figures.push(("lookups_per_pixel_mean", per_pixel(lookups)));
         }
         // Each sample is a texel at least.
-        let reads = Reads { texels: 0, volume_texels: counts.samples + counts.lookups };
+        let reads = Reads { texels: 0, volume_texels: samples + lookups };
         let stage = march::INFO.name;
         Ok(Some(CountedReads { stage, reads, quantities: to_map(figures) }))
     }

@@ -13,7 +13,7 @@ use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
 use fathom_experiments::Experiment;
 use fathom_record::command::{cell_options, shown};
-use fathom_record::{Cell, Estimate, Measured, OVER_BUDGET, Outcome, Run, StageRecord, Throttling};
+use fathom_record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection {
     id: "cells",
@@ -100,9 +100,8 @@ fn row(page: &Page<'_>, row: &CellRow<'_>) -> Markup {
             th scope="row" title=(cell.cell) { (name(cell)) }
             @match &cell.outcome {
                 Outcome::Measured(measured) => { (figures(measured)) }
-                Outcome::Skipped { reason } => { td.faint colspan="9" { "skipped: " (reason) } }
                 Outcome::Failed { reason } => { td.bad colspan="9" { "failed: " (reason) } }
-                Outcome::OverBudget => { td.faint colspan="9" { (OVER_BUDGET) } }
+                other => { td.faint colspan="9" { (other.words().join(": ")) } }
             }
             td.script-only {
                 @if at.is_some() { button.stages type="button" { "stages" } " " }

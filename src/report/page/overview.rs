@@ -13,7 +13,7 @@ use crate::format::{NS_PER_MS, percent, three};
 use crate::noise;
 use crate::{Report, Section, SkippedInput, trust};
 use fathom_experiments::schema::{Plot, PlotKind};
-use fathom_experiments::{ClaimOrigin, Measure, Ruling};
+use fathom_experiments::{ClaimOrigin, Measure, Verdict};
 use fathom_record::{OVER_BUDGET, OutcomeCounts, Run};
 
 pub const SECTION: PageSection = PageSection {
@@ -209,18 +209,13 @@ fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
         let some = counts.iter().filter(|(_, count)| *count > 0);
         let each = some.map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
         let all: usize = counts.iter().map(|(_, count)| count).sum();
-        let rulings = view.sections.iter().flat_map(Section::rulings);
-        let is_ruled = |ruling: &&Ruling| ruling.origin == whose && !ruling.mark().is_empty();
-        let marked = rulings.filter(is_ruled).map(|of| [of.has_own_bound, of.is_quick]);
-        let counts = marked.fold([0, 0], |sum, is| [0, 1].map(|at| sum[at] + usize::from(is[at])));
-        let rests = [
-            (counts[0], "rest on a bound of this project"),
-            (counts[1], "on the sizes of the quick profile"),
-        ];
-        let rests = rests.iter().filter(|(count, _)| *count > 0);
-        let rests = rests.map(|(count, what)| format!("{count} {what}")).join(", ");
-        let rests = Some(rests).filter(|rests| !rests.is_empty());
-        let rests = rests.map_or_else(String::new, |rests| format!(". Of these verdicts, {rests}"));
+        let ruled = view.sections.iter().flat_map(Section::rulings);
+        let ruled = ruled.filter(|of| of.origin == whose && of.verdict != Verdict::NotRun);
+        let own = (ruled.clone().filter(|of| of.has_own_bound).count(), "a bound of this project");
+        let quick = (ruled.filter(|of| of.is_quick).count(), "the sizes of the quick profile");
+        let rests = [own, quick].into_iter().filter(|(count, _)| *count > 0);
+        let rests = rests.map(|(count, what)| format!("{count} rest on {what}")).join(", ");
+        let rests = if rests.is_empty() { rests } else { format!(". Of these verdicts, {rests}") };
         (whose, format!("{each}, of {all}{rests}"))
     })
 }

@@ -8,7 +8,6 @@ use crate::gbuffer::GBuffer;
 use crate::marching::Marching;
 use crate::prelude::*;
 use crate::voxels::Voxels;
-use fathom_gpu::Gpu;
 use fathom_gpu::kit::{Canvas, Raster};
 use fathom_scene::Bounds;
 
@@ -42,7 +41,7 @@ impl Draws {
 
 /// The occlusion buffer, 1 − A, 1 where nothing was drawn, has `size_px` pixels; it may be smaller than the viewport. Rectangles of the
 /// pixels that volumes can reach follow from `view_projection`, world to clip space.
-/// With `counters` the shader also counts: see [`count`].
+/// With `counters` the shader also counts trilinear samples, look-ups of the pyramid, and fragments that marched, once for each volume.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
@@ -103,34 +102,6 @@ fn work(drawn: &[Draws], rays: u32) -> Work {
     let samples = |volume: &Draws| volume.pixels() * u64::from(rays) * volume.samples;
     let texel_fetches = drawn.iter().map(samples).sum();
     Work { fragments, texel_fetches, bytes_written: fragments * 2, ..Work::default() }
-}
-
-/// What a frame's marching takes, counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MarchCounts {
-    /// Trilinear samples of the volumes.
-    pub samples: u64,
-    /// Look-ups of the pyramid.
-    pub lookups: u64,
-    /// Fragments that marched, once for each volume.
-    pub fragments: u64,
-}
-
-/// Marches once more, with a shader that counts. The arguments are those of [`new`].
-pub fn count(
-    gpu: &Gpu,
-    shared: &Shared,
-    volumes: &[Voxels],
-    seen: (&GBuffer, DMat4),
-    marching: &Marching,
-    size_px: [u32; 2],
-) -> Result<MarchCounts, GpuError> {
-    let resources = &Resources::new(gpu);
-    let counters = Counters::new(resources, "ao/march counters", 3);
-    let march = new(resources, shared, volumes, seen, marching, size_px, Some(&counters))?;
-    gpu.run(&[&march])?;
-    let sums = counters.sums(gpu)?;
-    Ok(MarchCounts { samples: sums[0], lookups: sums[1], fragments: sums[2] })
 }
 
 fn grown(bounds: &Bounds, by: f64) -> Bounds {

@@ -10,7 +10,6 @@ use crate::counters::Counters;
 use crate::gbuffer::GBuffer;
 use crate::prelude::*;
 use fathom_base::choices;
-use fathom_gpu::Gpu;
 
 pub const INFO: StageInfo = StageInfo {
     name: "gtao/gather",
@@ -72,7 +71,7 @@ impl GatherUniforms {
 }
 
 /// The occlusion buffer, 1 − A, 1 where nothing was drawn, has `settings.size_px` pixels; it may be smaller than the viewport. Occluders weigh the
-/// same at any distance up to r_max. With `counters` the shader also counts: see [`count`].
+/// same at any distance up to r_max. With `counters` the shader also counts samples of depth, and fragments where something was drawn.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
@@ -100,21 +99,4 @@ pub fn new(
     let work = pass.work(2 + settings.samples_per_pixel(), 2);
     let min_work = pass.work(1, 2);
     Ok(visible(pass.stage(&INFO, work).with_min_work(min_work), "visibility"))
-}
-
-/// Gathers once more, with a shader that counts: samples of depth, and fragments where something was drawn. The arguments are those of
-/// [`new`].
-pub fn count(
-    gpu: &Gpu,
-    shared: &Shared,
-    gbuffer: &GBuffer,
-    settings: &GatherUniforms,
-    method: GatherMethod,
-) -> Result<[u64; 2], GpuError> {
-    let resources = Resources::new(gpu);
-    let counters = Counters::new(&resources, "gtao/gather counters", 2);
-    let gather = new(&resources, shared, gbuffer, settings, method, Some(&counters))?;
-    gpu.run(&[&gather])?;
-    let sums = counters.sums(gpu)?;
-    Ok([sums[0], sums[1]])
 }

@@ -7,7 +7,6 @@ use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
 use crate::gbuffer::GBuffer;
 use crate::prelude::*;
-use fathom_gpu::Gpu;
 
 pub const INFO: StageInfo = StageInfo {
     name: "hsao/march",
@@ -47,7 +46,8 @@ impl HorizonUniforms {
 }
 
 /// The occlusion buffer, 1 − A, 1 where nothing was drawn, has `settings.size_px` pixels; it may be smaller than the viewport. `hard`:
-/// occluders weigh the same at any distance up to r_max. With `counters` the shader also counts: see [`count`].
+/// occluders weigh the same at any distance up to r_max. With `counters` the shader also counts samples of depth, and
+/// fragments where something was drawn.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
@@ -72,29 +72,4 @@ pub fn new(
     // The background has no samples.
     let min_work = pass.work(1, 2);
     Ok(visible(pass.stage(&INFO, work).with_min_work(min_work), "visibility"))
-}
-
-/// What a frame's marching takes, counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HorizonCounts {
-    /// Samples of depth.
-    pub samples: u64,
-    /// Fragments where something was drawn.
-    pub fragments: u64,
-}
-
-/// Marches once more, with a shader that counts. The arguments are those of [`new`].
-pub fn count(
-    gpu: &Gpu,
-    shared: &Shared,
-    gbuffer: &GBuffer,
-    settings: &HorizonUniforms,
-    hard: bool,
-) -> Result<HorizonCounts, GpuError> {
-    let resources = Resources::new(gpu);
-    let counters = Counters::new(&resources, "hsao/march counters", 2);
-    let march = new(&resources, shared, gbuffer, settings, hard, Some(&counters))?;
-    gpu.run(&[&march])?;
-    let sums = counters.sums(gpu)?;
-    Ok(HorizonCounts { samples: sums[0], fragments: sums[1] })
 }

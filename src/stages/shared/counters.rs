@@ -1,7 +1,7 @@
 //! Counters that a shader adds to, for figures of a frame that is run once more to count.
 
 use fathom_gpu::kit::{Bind, Buffer, Resource, Resources};
-use fathom_gpu::{Gpu, GpuError, read_buffer};
+use fathom_gpu::{Gpu, GpuError, Stage, read_buffer};
 
 /// Partial sums of each counter, so that fragments do not queue for one: 64 bits each, the lower word first.
 const SLOTS: usize = 64;
@@ -24,4 +24,17 @@ impl Bind for Counters {
     fn resource(&self) -> Resource {
         self.0.resource()
     }
+}
+
+/// The sums of a stage that counts, run once.
+pub fn count<T, const N: usize>(
+    gpu: &Gpu,
+    stage: impl FnOnce(&Resources<'_>, &Counters) -> Result<Stage<T>, GpuError>,
+) -> Result<[u64; N], GpuError> {
+    let resources = Resources::new(gpu);
+    let counters = Counters::new(&resources, "counters", N);
+    let stage = stage(&resources, &counters)?;
+    gpu.run(&[&stage])?;
+    let sums = counters.sums(gpu)?;
+    Ok(std::array::from_fn(|index| sums[index]))
 }

@@ -69,7 +69,7 @@ pub struct Cast {
 }
 
 /// The stage `info` casts each pixel's ray through a field. `defs` are the shader's; `normals`: the shader writes them.
-pub(crate) fn new(
+pub fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     shared: &Shared,
