@@ -146,6 +146,7 @@ test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", high = 1.3 }
     assert_eq!(rulings[0].verdict, Verdict::Supported, "{rulings:?}");
     assert_eq!((rulings[0].n, rulings[1].verdict), (None, Verdict::NotRun));
     let summary = place.read("out/summary.md");
-    let tally = "1 supported, 1 not run, of 2; 1 (our bound, quick profile)";
+    let tally =
+        "of 2. Verdicts by a bound of this project: 1; at the sizes of the quick profile: 1";
     assert!(summary.contains(tally) && !summary.contains("NaN"), "{summary}");
 }

@@ -113,6 +113,6 @@ fn what_is_not_measured_in_the_same_way_is_told_and_not_compared() {
     cells[1].outcome = Outcome::Failed { reason: "device lost".to_owned() };
     let text = changes(fixtures::run(), head).into_text();
     let line = |words: &str| text.lines().find(|line| line.contains(words)).expect(&text);
-    assert!(line("no longer measured").contains("(device lost)"));
+    assert!(line("no longer measured").contains("(failed: device lost)"));
     assert!(line("measured in another way").contains(&format!("scene {scene} → elsewhere")));
 }

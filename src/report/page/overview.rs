@@ -202,8 +202,8 @@ fn verdicts(view: &Report<'_>) -> Vec<Block> {
     tallies.collect()
 }
 
-/// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96. 30 of these verdicts rest on a bound of this project,
-/// 86 on the sizes of the quick profile.`
+/// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96. Verdicts by a bound of this project: 30;
+/// at the sizes of the quick profile: 86`
 fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
     facts::tallies(view).map(|(whose, counts)| {
         let some = counts.iter().filter(|(_, count)| *count > 0);
@@ -211,11 +211,12 @@ fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
         let all: usize = counts.iter().map(|(_, count)| count).sum();
         let ruled = view.sections.iter().flat_map(Section::rulings);
         let ruled = ruled.filter(|of| of.origin == whose && of.verdict != Verdict::NotRun);
-        let own = (ruled.clone().filter(|of| of.has_own_bound).count(), "a bound of this project");
-        let quick = (ruled.filter(|of| of.is_quick).count(), "the sizes of the quick profile");
+        let own =
+            (ruled.clone().filter(|of| of.has_own_bound).count(), "by a bound of this project");
+        let quick = (ruled.filter(|of| of.is_quick).count(), "at the sizes of the quick profile");
         let rests = [own, quick].into_iter().filter(|(count, _)| *count > 0);
-        let rests = rests.map(|(count, what)| format!("{count} rest on {what}")).join(", ");
-        let rests = if rests.is_empty() { rests } else { format!(". Of these verdicts, {rests}") };
+        let rests = rests.map(|(count, what)| format!("{what}: {count}")).join("; ");
+        let rests = if rests.is_empty() { rests } else { format!(". Verdicts {rests}") };
         (whose, format!("{each}, of {all}{rests}"))
     })
 }
