@@ -175,36 +175,34 @@ fn parameters(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
     let subject = Subjects::new(catalog).subject(pipeline, scene, &args.set)?;
     let row = |field: ParamField| {
         let value = parameter::get(&subject.params, &field.path).cloned();
-        let columns = [
-            ("value", value.unwrap_or_else(|| "".into())),
-            ("unit", field.unit.into()),
-            ("allowed", allowed(&field.allowed).into()),
-        ];
-        let columns = [("path", field.path.into())].into_iter().chain(columns).collect();
-        Row { columns, about: field.about, source: None }
+        let value = value.unwrap_or_else(|| "".into());
+        let (unit, allowed) = (field.unit.into(), allowed(&field.allowed).into());
+        let path = field.path.into();
+        Row::new(
+            [("path", path), ("value", value), ("unit", unit), ("allowed", allowed)],
+            field.about,
+        )
     };
     Ok((subject.kind.fields)().into_iter().map(row).collect())
 }
 
 /// Each generator of objects with the keys of its `params`, then those of volumes.
 fn generators() -> Vec<Row> {
-    let row = |name: &str, [key, default, unit, allowed]: [String; 4], about: &str| {
-        let values = [("key", key), ("default", default), ("unit", unit), ("allowed", allowed)];
-        let values = [("generator", name.to_owned())].into_iter().chain(values);
-        let columns = values.map(|(name, value)| (name, value.into())).collect();
+    let row = |name: &str, [key, default, unit, allowed]: [Value; 4], about: &str| {
+        let columns = [("key", key), ("default", default), ("unit", unit), ("allowed", allowed)];
+        let columns = [("generator", name.into())].into_iter().chain(columns).collect();
         Row { columns, about: about.to_owned(), source: None }
     };
+    let none = || std::array::from_fn(|_| "".into());
     let objects = GENERATORS.iter().flat_map(|of| {
         let param = |field: &ParamField| {
-            let default = of.defaults[&field.path].to_string();
-            let values =
-                [field.path.clone(), default, field.unit.to_owned(), allowed(&field.allowed)];
-            row(of.name, values, &field.about)
+            let (unit, allowed) = (field.unit.into(), allowed(&field.allowed).into());
+            let default = of.defaults[&field.path].clone();
+            row(of.name, [field.path.clone().into(), default, unit, allowed], &field.about)
         };
-        std::iter::once(row(of.name, Default::default(), of.about))
-            .chain(of.params.iter().map(param))
+        std::iter::once(row(of.name, none(), of.about)).chain(of.params.iter().map(param))
     });
-    let volumes = fields::all().map(|of| row(of.name, Default::default(), of.about));
+    let volumes = fields::all().map(|of| row(of.name, none(), of.about));
     objects.chain(volumes).collect()
 }
 

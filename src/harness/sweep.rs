@@ -75,8 +75,9 @@ impl SweepRequest {
         for (number, (path, values)) in self.axes.iter().enumerate() {
             let again = self.axes[..number].iter().any(|(other, _)| other == path);
             ensure!(!again, "axis `{path}` is there twice: give all its values in one --axis");
-            let is_set = self.sets.iter().any(|(set, _)| set == path);
-            ensure!(!is_set, "`{path}` is swept: leave --set {path} out");
+            let is_of = |set: &str| set == path || set.starts_with(&format!("{path}."));
+            let set = self.sets.iter().find(|(set, _)| is_of(set));
+            ensure!(set.is_none(), "`{path}` is swept: leave --set {path} out");
             if let Some(value) = values.iter().duplicates().next() {
                 bail!("axis `{path}` has the value {value} twice");
             }
@@ -253,25 +254,22 @@ mod tests {
     /// Of a table of two parameters and of a list of two numbers.
     #[test]
     fn pairs_set_both_sides_and_are_read_as_their_area() {
-        for (words, path) in [
-            ("volume_ao plane view=64x48,128x96", "view"),
-            ("underwater plane caustics.buffer=64x48,128x96", "caustics.buffer"),
+        for (words, path, set) in [
+            ("volume_ao plane view=64x48,128x96", "view", ("view.height", json!(96))),
+            (
+                "underwater plane caustics.buffer=64x48,128x96",
+                "caustics.buffer",
+                ("caustics.buffer", json!([128, 96])),
+            ),
         ] {
             let experiment = request(words).experiment(&Catalog::builtin()).unwrap();
-            let cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
-            assert_eq!(cells[1].cell, format!("{path}=128x96"));
-            let mut subjects = Subjects::default();
-            let CellPlan { pipeline, scene, overrides, .. } = &cells[1];
-            let subject = subjects.subject(pipeline, scene, overrides).unwrap();
-            let sides = parameter::get(&subject.params, path).unwrap();
-            let sides = [
-                ["width", "height"].map(|side| sides[side].clone()),
-                [0, 1].map(|at| sides[at].clone()),
-            ];
-            assert!(sides.contains(&[json!(128), json!(96)]), "{sides:?}");
-            let cell = Cell { axes: cells[1].axes.clone(), ..Cell::default() };
+            let CellPlan { cell, axes, overrides, .. } =
+                experiment.cells(Profile::Quick, &[], &[]).unwrap().remove(1);
+            assert_eq!(cell, format!("{path}=128x96"));
+            assert!(overrides.contains(&(set.0.to_owned(), set.1)), "{overrides:?}");
             let x: Measure = format!("axis:{path}").parse().unwrap();
-            assert_eq!(x.read(&cell, &Measured::default()).unwrap().median(), 128.0 * 96.0);
+            let area = x.read(&Cell { axes, ..Cell::default() }, &Measured::default()).unwrap();
+            assert_eq!(area.median(), 128.0 * 96.0);
         }
     }
 

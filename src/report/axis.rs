@@ -91,8 +91,7 @@ impl Scale {
     pub fn with_sizes(self, values: impl IntoIterator<Item = f64>) -> Scale {
         let sizes = values.into_iter().sorted_by(f64::total_cmp).dedup().collect_vec();
         let at = sizes.iter().filter_map(|size| self.coord(*size)).collect_vec();
-        let has_room =
-            |pair: (&f64, &f64)| self.share(*pair.1) - self.share(*pair.0) > MIN_TICK_GAP;
+        let has_room = |(a, b): (&f64, &f64)| self.share(*b) - self.share(*a) > MIN_TICK_GAP;
         let is_whole = sizes.iter().all(|size| size.fract() == 0.0);
         let are_ticks = is_whole && at.len() > 1 && at.iter().tuple_windows().all(has_room);
         if are_ticks { Scale { ticks: at, ..self } } else { self }

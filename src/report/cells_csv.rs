@@ -313,41 +313,32 @@ mod tests {
         reader.records().map(Result::unwrap).map(named).collect()
     }
 
-    /// Rows of two runs, joined and grouped by run and cell: the times of stages and what lies in none of them, which stands once.
+    /// The times of stages, and what lies in none of them, which stands once. `tests/nightly/cells.py` joins runs.
     #[test]
-    fn stages_of_joined_runs_add_up_to_their_frames() {
-        let [mut here, mut there] = [fixtures::run(), fixtures::run()];
-        for record in &mut there {
-            if let Record::Run(run) = record {
-                (run.started_at, run.conditions.host) = ("later".into(), Some("elsewhere".into()));
-            }
-        }
+    fn stages_and_gaps_of_a_cell_add_up_to_its_frame() {
+        let mut records = fixtures::run();
         let mixed = |place: usize| if place % 2 == 0 { Value::from(5) } else { "5x5".into() };
-        for (place, cell) in fixtures::cells(&mut there).enumerate() {
+        for (place, cell) in fixtures::cells(&mut records).enumerate() {
             cell.axes.insert("mixed".to_owned(), mixed(place));
         }
-        let joined = [rows_of(&exported(&here)), rows_of(&exported(&there))].concat();
-        let key = |row: &Row| {
-            ["commit", "started_at", "machine", "experiment", "cell"].map(|name| row[name].clone())
-        };
-        let groups = joined.iter().into_group_map_by(|row| key(row));
-        let number = |row: &Row, name: &str| row[name].parse::<f64>().ok();
-        let measured = fixtures::cells(&mut here).filter(|cell| cell.measured().is_some());
-        for cell in measured {
-            let (of, names) = (cell.measured().unwrap(), [&*cell.experiment, &*cell.cell]);
-            let exact: f64 =
-                of.stages.iter().filter(|s| s.is_resolved()).map(|s| s.time.median).sum();
-            let of_cell = groups.iter().filter(|(key, _)| [&*key[3], &*key[4]] == names);
-            let sums = of_cell.map(|(_, rows)| {
-                assert_eq!(rows.iter().filter(|row| row["stage"] == "frame").count(), 1);
-                let sum = |name| rows.iter().filter_map(|row| number(row, name)).sum::<f64>();
-                [sum("median_ns"), sum("frame_in_no_stage_ns")]
-            });
+        let rows = rows_of(&exported(&records));
+        for cell in fixtures::cells(&mut records) {
+            let Some(of) = cell.measured() else { continue };
+            let resolved = of.stages.iter().filter(|stage| stage.is_resolved());
+            let exact: f64 = resolved.map(|stage| stage.time.median).sum();
+            let own = [("experiment", &cell.experiment), ("cell", &cell.cell)];
+            let own =
+                rows.iter().filter(|row| own.iter().all(|(name, value)| row[*name] == **value));
+            assert_eq!(own.clone().filter(|row| row["stage"] == "frame").count(), 1);
+            let has_figures = own.clone().filter(|row| row["quantities"].contains('=')).count();
+            assert_eq!(has_figures, usize::from(!of.figures().is_empty()));
+            let numbers = |name| own.clone().filter_map(move |row| row[name].parse::<f64>().ok());
+            let sums = ["median_ns", "frame_in_no_stage_ns"].map(|name| numbers(name).sum::<f64>());
             let gaps = if of.is_timed() { of.in_no_stage_ns() } else { 0.0 };
-            assert_eq!(sums.collect_vec(), [[exact, gaps]; 2], "{names:?}");
+            assert_eq!(sums, [exact, gaps], "{}", cell.cell);
         }
         let values = |name: &str| {
-            let texts = joined.iter().filter_map(|row| row.get(name));
+            let texts = rows.iter().filter_map(|row| row.get(name));
             texts.filter(|text| !text.is_empty()).unique().cloned().collect_vec()
         };
         assert_eq!(values("axis:mixed"), ["5"]);
@@ -364,18 +355,6 @@ mod tests {
         let names = head.iter().filter(|name| !is_listed(name)).chain(of_work);
         let missing = names.filter(|name| !documented.contains(&format!("`{name}`")));
         assert_eq!(missing.collect_vec(), [""; 0]);
-    }
-
-    #[test]
-    fn quantities_stand_once_for_each_cell() {
-        let records = fixtures::run();
-        let view = Report::new(&records, None);
-        let text = exported(&records);
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
-        let rows = reader.records().map(Result::unwrap);
-        let named_rows = rows.filter(|row| row[row.len() - 1].contains('=')).count();
-        let with_figures = view.measured().filter(|(_, measured)| !measured.figures().is_empty());
-        assert_eq!(named_rows, with_figures.count());
     }
 
     #[test]

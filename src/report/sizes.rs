@@ -43,10 +43,9 @@ pub fn parts(view: &Report<'_>, picture: DrawPicture<'_>) -> Vec<Block> {
             let about = experiment.about.trim_end_matches('.');
             let common = charts::common(section);
             let words = [section.title(), about, &common].into_iter();
-            let lead = words.filter(|part| !part.is_empty()).join(" · ");
-            let chart = section.figure().svg.iter().map(|svg| Block::Chart(svg.clone()));
-            let lead = std::iter::once(Block::paragraph(lead)).chain(chart);
-            parts.splice(first..first, lead);
+            let words = words.filter(|part| !part.is_empty()).join(" · ");
+            let chart = section.figure().svg.clone().map(Block::Chart);
+            parts.splice(first..first, [Block::paragraph(words)].into_iter().chain(chart));
         }
     }
     parts

@@ -279,7 +279,8 @@ pub(super) fn equal_time(test: &EqualTime, cells: &[&Cell]) -> Tested {
             checks.push(BoundCheck::new(name, ratio, [f64::NEG_INFINITY, 1.0]));
         }
     }
-    Ok(checks)
+    let none = "`shares` is empty, or no other value of the axis is as fast";
+    (!checks.is_empty()).then_some(checks).ok_or_else(|| none.to_owned())
 }
 
 /// The least y that a time allows, of sizes with their y and their times.

@@ -526,12 +526,13 @@ fn at_equal_time_the_least_error_is_interpolated_over_time() {
         let a = [of("a", 1, errors[0], faster), of("a", 2, errors[1], 2.0 * faster)];
         a.into_iter().chain([of("b", 1, 8.0, 1.0), of("b", 2, 2.0, 4.0)]).collect::<Vec<_>>()
     };
-    let ruled = |cells: Vec<Cell>, software: bool| {
+    let ruled_by = |test: &str, cells: Vec<Cell>, software: bool| {
         let axes = SWEPT.to_owned() + "[[sweep.axis]]\nname = \"m\"\nvalues = [\"a\"]\n";
         let claim = format!("{axes}[[claim]]\nid = \"c\"\ntext = \"x\"\ntest.{test}");
         let ruling = own(&claim).rulings(&cells.iter().collect::<Vec<_>>(), software).remove(0);
         (ruling.verdict, ruling.reason, ruling.deciding.first().map_or(f64::NAN, |f| f.value))
     };
+    let ruled = |cells, software| ruled_by(test, cells, software);
     // At time 2 `b` gives 4, and `a` 1.9; at time 4 it is 2 and 1.
     let (verdict, reason, value) = ruled(sized([2.0, 1.0], 1.9), false);
     assert_eq!(verdict, Supported, "{reason}");
@@ -543,4 +544,9 @@ fn at_equal_time_the_least_error_is_interpolated_over_time() {
     assert!(verdict == NotRun && reason.contains("takes more than 0.5"), "{reason}");
     let (verdict, reason, _) = ruled(sized([2.0, 1.0], 2.0), true);
     assert!(verdict == NotRun && reason.contains("software"), "{reason}");
+    // Of `b` only the frame whose time is shared out: half of it is too little.
+    let mut cells = sized([2.0, 1.0], 1.0);
+    cells.remove(2);
+    let (verdict, reason, _) = ruled_by(&test.replace(", 1.0]", "]"), cells, false);
+    assert!(verdict == NotRun && reason.contains("no other value of the axis"), "{reason}");
 }

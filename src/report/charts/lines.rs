@@ -193,8 +193,8 @@ fn chart(
     }
     let series: Vec<Series> = all.into_iter().map(|(_, series)| series).collect();
     let first = parts.first()?;
-    let x = Scale::fit(kind, series.iter().flat_map(Series::xs))?;
-    let x = x.with_sizes(series.iter().flat_map(Series::xs));
+    let xs = || series.iter().flat_map(Series::xs);
+    let x = Scale::fit(kind, xs())?.with_sizes(xs());
     let y = Scale::fit(kind, series.iter().flat_map(Series::ys))?;
     let x_title = plot.x_title.clone().unwrap_or_else(|| measure.label().text());
     let y_title = names::y_title(plot, (!several).then_some(first.y));

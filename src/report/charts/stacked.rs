@@ -27,20 +27,13 @@ struct Bar {
 
 /// None where no cell was timed.
 pub fn chart(input: &PlotInput<'_>) -> Option<BarChart> {
-    let figures: Vec<(&Cell, &Measured)> = input
-        .cells
-        .iter()
-        .filter_map(|cell| Some((*cell, cell.measured().filter(|cell| cell.is_timed())?)))
-        .collect();
+    let is_timed = |cell: &&Cell| cell.measured().is_some_and(Measured::is_timed);
+    let cells: Vec<&Cell> = input.cells.iter().copied().filter(is_timed).collect();
+    let figures: Vec<&Measured> = cells.iter().filter_map(|cell| cell.measured()).collect();
     let stages = coloured(&figures);
-    let cells: Vec<&Cell> = figures.iter().map(|(cell, _)| *cell).collect();
     let labels = names::cells(&cells, input.experiment, MAX_LABELS_PX - LABEL_MARGIN_PX);
-    let bars: Vec<Bar> = figures
-        .iter()
-        .map(|(cell, measured)| Bar::new(cell, measured, &stages, input))
-        .zip(labels)
-        .map(|(bar, label)| Bar { label, ..bar })
-        .collect();
+    let bar = |(label, cell): (String, &&Cell)| Bar::new(label, cell, &stages, input);
+    let bars: Vec<Bar> = labels.into_iter().zip(&cells).filter_map(bar).collect();
     let ends = bars.iter().flat_map(|bar| {
         let [low, high] = bar.frame.ends();
         let timed: f64 = bar.parts.iter().sum();
@@ -77,9 +70,9 @@ fn legend(names: &[&str], bars: &[Bar], colors: &[RGBColor]) -> Legend {
 }
 
 /// The stages with a share of some cell that can be seen, in frame order.
-fn coloured<'a>(figures: &[(&'a Cell, &'a Measured)]) -> Vec<&'a str> {
+fn coloured<'a>(figures: &[&'a Measured]) -> Vec<&'a str> {
     let mut shares = indexmap::IndexMap::<&str, f64>::new();
-    for (_, measured) in figures {
+    for measured in figures {
         let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
         for stage in &measured.stages {
             let max_share = shares.entry(&stage.stage).or_insert(f64::NEG_INFINITY);
@@ -90,7 +83,8 @@ fn coloured<'a>(figures: &[(&'a Cell, &'a Measured)]) -> Vec<&'a str> {
 }
 
 impl Bar {
-    fn new(cell: &Cell, measured: &Measured, stages: &[&str], input: &PlotInput<'_>) -> Bar {
+    fn new(label: String, cell: &Cell, stages: &[&str], input: &PlotInput<'_>) -> Option<Bar> {
+        let measured = cell.measured()?;
         let mut parts = vec![0.0; stages.len() + 1];
         // A time below the clock's resolution has no length.
         for stage in measured.stages.iter().filter(|s| s.is_resolved()) {
@@ -98,20 +92,23 @@ impl Bar {
             parts[place.unwrap_or(stages.len())] += stage.time.median / NS_PER_MS;
         }
         parts.push(measured.in_no_stage_ns() / NS_PER_MS);
-        Bar {
-            label: names::cell(cell, None, input.experiment),
+        Some(Bar {
+            label,
             parts,
             frame: measured.frame.untimed.scaled(1.0 / NS_PER_MS),
             published: input.published(cell, &Measure::frame()).map(Published::span_ms),
-        }
+        })
     }
 
     fn items(&self, row: f64, names: &[&str], colors: &[RGBColor]) -> Vec<Item> {
         let (middle, mut start) = (row + 0.5, 0.0);
         let mut items = Vec::new();
+        // Neighbours are told apart by more than their colours.
+        let gap = 0.003 * self.parts.iter().sum::<f64>();
         for ((length, name), color) in self.parts.iter().zip(names).zip(colors) {
             if *length > 0.0 {
-                let corners = [(start, row + 0.18), (start + length, row + 0.82)];
+                let end = start + length - gap.min(0.4 * length);
+                let corners = [(start, row + 0.18), (end, row + 0.82)];
                 let tip = Item::Tip(format!("{name}: {} ms", three(*length)));
                 items.extend([Item::Bar(corners, *color), tip]);
             }

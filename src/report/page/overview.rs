@@ -202,8 +202,7 @@ fn verdicts(view: &Report<'_>) -> Vec<Block> {
     tallies.collect()
 }
 
-/// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96. Verdicts by a bound of this project: 30;
-/// at the sizes of the quick profile: 86`
+/// `65 supported, 17 contradicted, 10 not run, of 92. Verdicts by a bound of this project: 30; at the sizes of the quick profile: 86`
 fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
     facts::tallies(view).map(|(whose, counts)| {
         let some = counts.iter().filter(|(_, count)| *count > 0);
