@@ -162,14 +162,14 @@ impl Schedule {
         timed.map(|cell| cell.visits).minmax().into_option()
     }
 
-    /// Foreseen until every cell has the visits that an interval takes, seconds.
+    /// Foreseen until every cell has the visits that an interval takes, seconds; before anything was measured only the waits between them.
     pub fn needed_s(&self) -> f64 {
-        let min_visits = MIN_VISITS.min(self.max_visits);
+        let (min_visits, is_seen) = (MIN_VISITS.min(self.max_visits), self.has_measured());
         let needed = (0..self.units.len()).map(|unit| {
             let lacking = min_visits.saturating_sub(self.fewest_visits(unit));
             let new_s = self.cost_s(&self.batch(unit, 0));
             let is_new = usize::from(new_s > 0.0).min(lacking);
-            let own_s = new_s + self.later_s(unit, lacking - is_new);
+            let own_s = if is_seen { new_s + self.later_s(unit, lacking - is_new) } else { 0.0 };
             // Each further visit waits for the one before.
             (own_s, own_s + (lacking - is_new) as f64 * VISIT_S)
         });
