@@ -24,8 +24,8 @@ fn documents() -> Vec<PathBuf> {
     let folders = ["docs", "ci", "scripts", "scripts/ci"].map(|folder| root.join(folder));
     let entries = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap());
     let files = entries.map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
-    let files = files
-        .filter(|path| !path.extension().is_some_and(|ending| ending == "png" || ending == "json"));
+    let is_text = |of: &std::ffi::OsStr| !["png", "jpg", "json"].iter().any(|other| of == *other);
+    let files = files.filter(|path| path.extension().is_none_or(is_text));
     let named =
         ["README.md", "ARCHITECTURE.md", "action.yml", "Makefile"].map(|name| root.join(name));
     files.chain(named).sorted().collect()
