@@ -85,13 +85,13 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 
-    /// `1:24 of 4:00, 120 of 337 cells, 1 to 3 of the 4 visits that an interval takes, 31 of 91 claims settled so far`
+    /// `1:24 of 4:00, 120 of 337 cells, visits to each: 1 to 3 (an interval takes 4), 31 of 91 claims settled so far`
     fn line(&self) -> String {
         let (used, budget) = (clock(self.start.elapsed().as_secs_f64()), clock(self.budget_s));
         let mut cells = format!("{} of {} cells", self.finished.len(), self.cells);
         if let Some((min, max)) = self.visits {
             let range = if min == max { min.to_string() } else { format!("{min} to {max}") };
-            cells += &format!(", {range} of the {MIN_VISITS} visits that an interval takes");
+            cells += &format!(", visits to each: {range} (an interval takes {MIN_VISITS})");
         }
         let sum = |of: fn(&(usize, usize)) -> usize| self.claims.values().map(of).sum::<usize>();
         match (sum(|claims| claims.0), sum(|claims| claims.1)) {
@@ -127,7 +127,7 @@ mod tests {
         progress.set_settled(4, 0, 3);
         progress.set_settled(0, 2, 2);
         progress.visits = Some((1, 3));
-        let visits = "2 of 3 cells, 1 to 3 of the 4 visits that an interval takes, 2 of 5 claims";
+        let visits = "2 of 3 cells, visits to each: 1 to 3 (an interval takes 4), 2 of 5 claims";
         assert_eq!(progress.line(), format!("0:00 of 4:00, {visits} settled so far"));
         assert_eq!(clock(3_725.0), "62:05");
     }
