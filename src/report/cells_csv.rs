@@ -154,7 +154,7 @@ impl AxisColumn<'_> {
 
 fn rows(entry: &RunCell<'_>, axes: &[AxisColumn<'_>], columns: usize) -> Vec<Vec<String>> {
     let of_cell = CELL_COLUMNS.iter().map(|(_, field)| field(entry));
-    let of_axes = axes.iter().map(|column| column.text(&entry.cell));
+    let of_axes = axes.iter().map(|column| column.text(entry.cell));
     let of_cell = of_cell.chain(of_axes).collect_vec();
     let Some(measured) = entry.cell.measured() else {
         let mut row = of_cell;
@@ -317,7 +317,8 @@ mod tests {
     #[test]
     fn stages_and_gaps_of_a_cell_add_up_to_its_frame() {
         let mut records = fixtures::run();
-        let mixed = |place: usize| if place % 2 == 0 { Value::from(5) } else { "5x5".into() };
+        let mixed =
+            |place: usize| if place.is_multiple_of(2) { Value::from(5) } else { "5x5".into() };
         for (place, cell) in fixtures::cells(&mut records).enumerate() {
             cell.axes.insert("mixed".to_owned(), mixed(place));
         }
