@@ -356,7 +356,7 @@ impl WorkerProcess {
         self.tree.files()
     }
 
-    /// Asks the worker to end, and kills it after [`SHUTDOWN_TIMEOUT`].
+    /// Asks the worker to end, and kills it after `SHUTDOWN_TIMEOUT`.
     pub fn quit(self) {
         self.quit_within(SHUTDOWN_TIMEOUT);
     }

@@ -74,7 +74,7 @@ pub struct Experiment {
     pub published: Vec<Published>,
     /// The publication's own method: parameters and their values. A claim with a source is tested only on cells in which those hold that
     /// the cell's pipeline has. This project's own methods are other cells. `publication = "VAO"` within braces stands for the values that
-    /// [`METHODS`] has, and [`Self::text`] has them in its place.
+    /// `METHODS` has, and [`Self::text`] has them in its place.
     #[serde(default)]
     pub method: Map<String, Value>,
     /// Whether cells of the experiment's own pipeline begin with the method's values: `params` and axes change them.

@@ -257,7 +257,7 @@ fn judged_view(drawn: &View, scene: &Scene) -> View {
     View { camera, light, water, bounds: *bounds, ..drawn.clone() }
 }
 
-/// See [`Pipeline::counted_reads`].
+/// See [`PipelineInstance::counted_reads`].
 pub struct CountedReads {
     pub stage: &'static str,
     pub reads: Reads,
