@@ -150,7 +150,7 @@ impl PointChart {
             .margin_left(10)
             .margin_bottom(4)
             .x_label_area_size(if self.x_title.is_empty() { 24 } else { 44 })
-            .y_label_area_size(70)
+            .y_label_area_size(84)
             .build_cartesian_2d(self.x.clone(), self.y.clone())?;
         mesh(&mut chart)
             .y_labels(20)
