@@ -27,7 +27,7 @@ impl ScaleKind {
 const MIN_SPREAD: f64 = 0.05;
 
 /// Between ticks at measured values, as a share of the axis.
-const MIN_TICK_GAP: f64 = 0.11;
+const MIN_TICK_GAP: f64 = 0.13;
 
 /// Data are mapped to an axis' own coordinate: the value, or its decimal logarithm.
 #[derive(Clone, Debug, PartialEq)]

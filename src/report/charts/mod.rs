@@ -38,7 +38,7 @@ pub const EXPORTER: RunExporter = Exporter {
 };
 
 const WIDTH_PX: u32 = 980;
-/// A plot at a glance.
+/// A plot at a glance, and its largest height.
 const SMALL_PX: (u32, u32) = (540, 220);
 const MAX_SMALL_PX: u32 = 380;
 /// Title of the picture, and of each panel.
@@ -128,15 +128,16 @@ impl Figure {
     }
 }
 
-/// A scaling plot of an experiment alone, without words around it; none where its series need more room.
+/// A scaling plot of an experiment alone, without words around it; none where its series need more room or have one size.
 pub fn small_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
     let input = PlotInput::new(section)?.select(plot);
     let chart = LineCharts::new(plot, &input)?.into_single()?;
     let about = format!("{}: {}", section.id, plot.title);
-    let title_px = style::width_px(&chart.y_title, style::LABEL_PX) + 60;
-    let size_px = (SMALL_PX.0, SMALL_PX.1.max(chart.ends_px()).max(title_px));
+    let needed_px = chart.ends_px().max(style::width_px(&chart.y_title, style::LABEL_PX) + 60);
+    let size_px = (SMALL_PX.0, SMALL_PX.1.max(needed_px));
+    let is_line = chart.series.iter().any(|series| series.points.len() > 1);
     let svg = || drawing(size_px, &about, |area| chart.draw_with_names(area));
-    (size_px.1 <= MAX_SMALL_PX).then(svg)
+    (is_line && size_px.1 <= MAX_SMALL_PX).then(svg)
 }
 
 /// Scene, viewport and sizes that all cells of an experiment share, in words.

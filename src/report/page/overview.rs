@@ -196,10 +196,10 @@ fn how_far(view: &Report<'_>) -> Vec<Block> {
 }
 
 fn verdicts(view: &Report<'_>) -> Vec<Block> {
-    let tallies = tallies(view).map(|(whose, tally)| {
-        Block::Paragraph(Line::from(Span::Bold(whose.to_string())).and(format!(": {tally}")))
-    });
-    tallies.collect()
+    let line = |(whose, tally): (ClaimOrigin, String)| {
+        Block::paragraph(Line::from(Span::Bold(whose.to_string())).and(format!(": {tally}")))
+    };
+    tallies(view).map(line).collect()
 }
 
 /// `65 supported, 17 contradicted, 10 not run, of 92. Verdicts by a bound of this project: 30; at the sizes of the quick profile: 86`
@@ -210,9 +210,8 @@ fn tallies(view: &Report<'_>) -> impl Iterator<Item = (ClaimOrigin, String)> {
         let all: usize = counts.iter().map(|(_, count)| count).sum();
         let ruled = view.sections.iter().flat_map(Section::rulings);
         let ruled = ruled.filter(|of| of.origin == whose && of.verdict != Verdict::NotRun);
-        let own =
-            (ruled.clone().filter(|of| of.has_own_bound).count(), "by a bound of this project");
-        let quick = (ruled.filter(|of| of.is_quick).count(), "at the sizes of the quick profile");
+        let own = (ruled.clone().filter(|r| r.has_own_bound).count(), "by a bound of this project");
+        let quick = (ruled.filter(|r| r.is_quick).count(), "at the sizes of the quick profile");
         let rests = [own, quick].into_iter().filter(|(count, _)| *count > 0);
         let rests = rests.map(|(count, what)| format!("{what}: {count}")).join("; ");
         let rests = if rests.is_empty() { rests } else { format!(". Verdicts {rests}") };
