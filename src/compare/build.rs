@@ -340,7 +340,7 @@ pub fn compile(
             let said = complaint.lines().join("\n");
             let name = format!("name = \"{}\"", target.package);
             let is_other = NO_SUCH_PROGRAM.iter().any(|words| said.contains(words))
-                || git(source, &["grep", "-qF", &name, "--", "*Cargo.toml"]).is_err();
+                || git(source, &["grep", "-qF", &name, "--", ":/*Cargo.toml"]).is_err();
             ensure!(
                 !is_other,
                 "revision `{revision}` has no program `{}`, which is what `--base` builds: other programs are compared by --base-cmd and --head-cmd (docs/ci.md)",
