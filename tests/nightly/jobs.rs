@@ -282,13 +282,15 @@ fn the_job_of_another_wgpu_project_compares_its_workers_and_comments() {
     let steps = yaml(&job)["jobs"]["compare"]["steps"].take();
     let mut with = steps[2]["with"].clone();
     (with["launches"], with["gates"]) = (json!("1"), json!("time"));
+    // No load makes one build of two look half as slow again in every launch.
+    with["threshold"] = json!("0.5");
     fs::copy(root().join("examples/own_program/cells.toml"), project.0.path("project/cells.toml"))
         .unwrap();
     project.0.write("project/Cargo.toml", "[package]\nname = \"own_program\"\n");
     project.commit("project");
     project.commit("project");
     let (status, printed, output) = project.action(&with);
-    assert!(status == 0 && ["0", "3"].contains(&&*output) || status == 1, "{status}: {printed}");
+    assert!(status == 0 && ["0", "3"].contains(&&*output), "{status}: {printed}");
     holds(&project.0.read(COMMENT), &["fathom compare: ", "6 cells: "]);
     let page = project.0.read("project/compare/summary.md");
     holds(&page, &["ripple", "blur", "shade"]);

@@ -153,7 +153,7 @@ fn parts<'s>(plot: &'s Plot, input: &PlotInput<'s>) -> Vec<LineGroup<'s>> {
     let is_drawn = |y: &&Measure| {
         let stage = y.stage_name().filter(|_| input.experiment.knee_share.is_some());
         let mut measured = input.cells.iter().filter_map(|cell| cell.measured());
-        stage.is_none_or(|stage| measured.any(|of| !sizes::is_small(of, &stage)))
+        stage.is_none_or(|name| measured.any(|of| of.is_timed() && !sizes::is_small(of, &name)))
     };
     let mut parts = Vec::new();
     for (place, y) in plot.y.iter().filter(is_drawn).enumerate() {
@@ -232,7 +232,7 @@ fn series(
     let factors = [(x, &plot.x_title), (y, &plot.y_title)]
         .map(|(measure, title)| names::factor(measure, title.as_ref()));
     let category = plot.over.as_ref().filter(|over| input.experiment.is_category(over));
-    let is_sweep = input.experiment.knee_share.is_some();
+    let is_sweep = input.experiment.knee_share.is_some() && y.is_time();
     let max_fixed = if is_sweep { f64::INFINITY } else { FIXED_SHARE };
     let fit = (category.is_none() && plot.kind == PlotKind::Scaling)
         .then(|| scaling(y, x, &part.cells, max_fixed).ok())
